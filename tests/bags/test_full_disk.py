@@ -159,7 +159,7 @@ def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytes
     assert names == [f"flight_{number}.mcap" for number in range(len(names))]
 
 
-def test_killed_while_the_disk_is_full_keeps_what_was_written(disk: Disk, tmp_path: Path):
+def test_recorder_killed_on_a_full_disk_keeps_what_was_written(disk: Disk, tmp_path: Path):
     bag = BagWriter(tmp_path / "flight.mcap", flush_s=0.02, waits_for_room=True)
     bag.add_topic("/t", String, QOS)
     write(bag, range(100))
@@ -174,7 +174,7 @@ def test_killed_while_the_disk_is_full_keeps_what_was_written(disk: Disk, tmp_pa
     bag.close()
 
 
-def test_without_patience_a_full_disk_is_an_error(disk: Disk, tmp_path: Path):
+def test_full_disk_without_patience_is_an_error(disk: Disk, tmp_path: Path):
     bag = BagWriter(tmp_path / "flight.mcap")
     bag.add_topic("/t", String, QOS)
     disk.room = 0
@@ -210,7 +210,7 @@ def test_recording_of_a_bag_that_is_removed_continues_in_a_new_file(tmp_path: Pa
     assert found.gaps[0].messages == 4
 
 
-def test_without_patience_a_removed_bag_is_an_error(tmp_path: Path):
+def test_removed_bag_without_patience_is_an_error(tmp_path: Path):
     path = tmp_path / "one.mcap"
     bag = BagWriter(path)
     bag.add_topic("/words", String, QOS)

@@ -37,7 +37,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedTime:
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0])
-def test_messages_come_at_their_times(clock: SimulatedTime, rate: float):
+def test_messages_are_played_at_their_times(clock: SimulatedTime, rate: float):
     begin_s = clock.now_s
     published: list[tuple[int, float]] = []
     played = Playback(
@@ -57,7 +57,7 @@ def test_messages_come_at_their_times(clock: SimulatedTime, rate: float):
     )
 
 
-def test_delays_do_not_add_up(clock: SimulatedTime):
+def test_delays_do_not_accumulate(clock: SimulatedTime):
     begin_s = clock.now_s
 
     def publish(_: Recorded) -> None:
@@ -69,7 +69,7 @@ def test_delays_do_not_add_up(clock: SimulatedTime):
     )  # The total would be 0.755 s if delays accumulated.
 
 
-def test_clock_continues_between_messages_and_never_past_the_next(clock: SimulatedTime):
+def test_clock_continues_between_messages_but_not_past_the_next(clock: SimulatedTime):
     events: list[tuple[str, int]] = []
     played = Playback(
         [recorded(1)[0], *recorded(41)[20:21], *recorded(41)[40:]],
@@ -87,7 +87,7 @@ def test_clock_continues_between_messages_and_never_past_the_next(clock: Simulat
     assert len([at for kind, at in events if kind == "tick"]) in (41, 42)
 
 
-def test_recorded_time_stands_still_while_nothing_is_played(clock: SimulatedTime):
+def test_recorded_time_stops_while_nothing_is_played(clock: SimulatedTime):
     ticks: list[int] = []
     items = [recorded(1)[0], recorded(31)[30]]
     played = Playback(items, 1.0, 0.01, lambda _: None, ticks.append)
@@ -114,7 +114,7 @@ def test_player_that_is_late_stops_before_the_next_message():
     assert played.played == 1
 
 
-def test_the_latest_of_each_actuator_is_latched_wherever_it_is_looked_for(tmp_path: Path):
+def test_latest_message_of_each_actuator_is_latched_at_any_position(tmp_path: Path):
     path = tmp_path / "long.mcap"
     with BagWriter(path, chunk_bytes=4096) as writer:
         writer.add_topic("/ema/health", Health, topics.LATCHED)

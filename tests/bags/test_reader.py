@@ -96,7 +96,7 @@ RECORDERS: dict[str, Callable[[Path], Written]] = {
 
 
 @pytest.mark.parametrize("recorder", RECORDERS)
-def test_whole_files_are_read_whole(recorder: str, path: Path):
+def test_complete_files_are_read_completely(recorder: str, path: Path):
     written = RECORDERS[recorder](path)
     bag = Bag(path)
     assert as_read(bag) == written
@@ -111,7 +111,7 @@ def test_whole_files_are_read_whole(recorder: str, path: Path):
 
 # Without its end, a file has neither summary nor index.
 @pytest.mark.parametrize("recorder", ["ours", "not compressed", "lz4", "no checksums", "no chunks"])
-def test_truncated_file_yields_what_is_before_the_cut(recorder: str, path: Path):
+def test_truncated_file_gives_all_messages_before_the_cut(recorder: str, path: Path):
     written = RECORDERS[recorder](path)
     whole = path.read_bytes()
     rng = random.Random(20)
@@ -132,7 +132,7 @@ def test_truncated_file_yields_what_is_before_the_cut(recorder: str, path: Path)
 
 
 @pytest.mark.parametrize("recorder", ["ours", "not compressed"])
-def test_flipped_bits_never_make_a_message(recorder: str, path: Path):
+def test_flipped_bits_never_give_a_message(recorder: str, path: Path):
     written = RECORDERS[recorder](path)
     whole = path.read_bytes()
     rng = random.Random(21)
@@ -151,7 +151,7 @@ def test_flipped_bits_never_make_a_message(recorder: str, path: Path):
     assert harmed > 30
 
 
-def test_damaged_chunk_is_reported_with_what_is_lost(path: Path):
+def test_damaged_chunk_is_reported_with_the_lost_messages(path: Path):
     written = record_by_mcap(path, compression=CompressionType.NONE)
     damaged = path.read_bytes().replace(b"message 50 ", b"massage 50 ")
     path.write_bytes(damaged)
@@ -172,7 +172,7 @@ def test_damaged_chunk_is_reported_with_what_is_lost(path: Path):
     assert as_read(again) == read
 
 
-def test_zeros_after_a_power_failure_are_no_records(path: Path):
+def test_zeros_after_a_power_failure_are_not_records(path: Path):
     written = record_by_us(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole) // 2))
@@ -185,7 +185,7 @@ def test_zeros_after_a_power_failure_are_no_records(path: Path):
     assert int(place[1]) <= len(whole) // 2 + 5000, "after the chunk that was cut"
 
 
-def test_damaged_index_is_not_believed(path: Path):
+def test_damaged_index_is_not_used(path: Path):
     written = record_by_us(path)
     before, name, after = path.read_bytes().rpartition(b"/t0")
     assert name
@@ -210,7 +210,7 @@ def test_messages_come_in_the_order_of_their_log_times(path: Path):
     assert (bag.start_ns, bag.end_ns) == (0, 199)
 
 
-def test_only_the_topics_asked_for_are_decoded(path: Path):
+def test_only_requested_topics_are_decoded(path: Path):
     with mcap_writer(path) as writer:
         unknown = writer.register_schema("no_such/msg/Thing", "ros2msg", b"what is this")
         known = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
@@ -234,7 +234,7 @@ def test_only_the_topics_asked_for_are_decoded(path: Path):
     assert len(list(bag.raw_messages())) == 3
 
 
-def test_type_that_is_not_installed_is_read_by_the_definition_in_the_recording(path: Path):
+def test_type_that_is_not_installed_is_read_with_the_recorded_definition(path: Path):
     with mcap_writer(path) as writer:
         schema = writer.register_schema("no_such/msg/Thing", "ros2msg", b"float64 x\nfloat64[] y\n")
         channel = writer.register_channel("/things", "cdr", schema)
@@ -259,7 +259,7 @@ def test_type_that_has_changed_is_refused(with_hash: bool, path: Path):
     assert len(list(bag.raw_messages())) == 1
 
 
-def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
+def test_invalid_message_is_skipped_counted_and_named(path: Path):
     rng = random.Random(23)
     with BagWriter(path) as writer:
         writer.add_topic("/t", Header, QOS)
@@ -277,7 +277,7 @@ def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
     assert "lost" not in bag.damage
 
 
-def test_lengths_beyond_64_bits_with_sign_are_damage(path: Path):
+def test_lengths_beyond_signed_64_bits_are_damage(path: Path):
     """Python's files refuse such an offset with an OverflowError."""
     record_by_mcap(path, compression=CompressionType.NONE)
     whole, offset, lengths = path.read_bytes(), 8, 0
@@ -293,7 +293,7 @@ def test_lengths_beyond_64_bits_with_sign_are_damage(path: Path):
     assert lengths > 20
 
 
-def test_what_is_not_a_recording_is_refused(tmp_path: Path):
+def test_file_that_is_not_a_recording_is_refused(tmp_path: Path):
     (tmp_path / "notes.mcap").write_bytes(b"these are notes")
     with pytest.raises(ValueError, match=r"notes.mcap is not an MCAP file: it starts with b'these"):
         Bag(tmp_path / "notes.mcap")
@@ -350,7 +350,7 @@ def test_folder_with_several_files_is_one_recording(split: tuple[Path, Written])
     assert (bag.start_ns, bag.end_ns) == (0, (2 * N - 1) * STEP_NS)
 
 
-def test_folder_with_a_file_missing_gives_the_others(split: tuple[Path, Written]):
+def test_folder_with_a_missing_file_gives_the_other_files(split: tuple[Path, Written]):
     folder, written = split
     (folder / "flight_0.mcap").unlink()
     bag = Bag(folder)
@@ -364,7 +364,7 @@ def test_folder_with_a_file_missing_gives_the_others(split: tuple[Path, Written]
         Bag(folder)
 
 
-def test_folder_with_a_file_that_is_none_gives_the_others(split: tuple[Path, Written]):
+def test_folder_with_an_invalid_file_gives_the_other_files(split: tuple[Path, Written]):
     folder, written = split
     (folder / "flight_1.mcap").write_bytes(b"")
     bag = Bag(folder)
@@ -381,7 +381,7 @@ def test_folder_with_a_file_that_is_none_gives_the_others(split: tuple[Path, Wri
         (b"\xff\xfe", "metadata.yaml cannot be read"),
     ],
 )
-def test_folder_without_good_metadata_gives_its_files(
+def test_folder_without_valid_metadata_gives_its_files(
     metadata, reported: str, split: tuple[Path, Written]
 ):
     folder, written = split
@@ -411,7 +411,7 @@ def test_other_storage_is_refused(change: dict, reported: str, tmp_path: Path):
         Bag(tmp_path / "flight")
 
 
-def test_gaps_are_reported_up_to_a_number(tmp_path: Path):
+def test_number_of_reported_gaps_is_limited(tmp_path: Path):
     path = tmp_path / "a.mcap"
     values = {"reason": "no room", "start_ns": "1", "end_ns": "2", "messages": "3"}
     with mcap_writer(path) as writer:
@@ -483,7 +483,7 @@ def test_bags_compressed_by_rosbags_are_read(mode: CompressionMode, tmp_path: Pa
     assert as_read(Bag(tmp_path / "flight")) == written
 
 
-def test_truncated_compressed_file_yields_what_is_before_the_cut(tmp_path: Path):
+def test_truncated_compressed_file_gives_all_messages_before_the_cut(tmp_path: Path):
     source = tmp_path / "plain.mcap"
     written = record_by_us(source)
     folder = by_file([source], tmp_path / "flight", N)

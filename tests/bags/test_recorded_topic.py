@@ -49,7 +49,9 @@ SEVERAL = ("ab", *OF_TWO)
         ),
     ],
 )
-def test_gaps_count_where_one_publisher_stays(events: tuple[str | int | None, ...], lost: int):
+def test_gaps_count_if_the_publisher_stays_the_same(
+    events: tuple[str | int | None, ...], lost: int
+):
     """Discovered publishers are given as letters, with the sequence numbers received."""
     gaps = SequenceGaps()
     for event in events:
@@ -69,7 +71,7 @@ def received(gaps: SampleGaps, now_s: float, *indices: int, name: str = "flap") 
         gaps.count(bytes(serialize_message(block)), now_s)
 
 
-def test_missing_blocks_and_shared_names_are_of_each_actuator():
+def test_missing_blocks_and_shared_names_are_counted_per_actuator():
     gaps = SampleGaps()
     received(gaps, 100.0, 500, 90_000, 510, 90_010, 540, 90_050, 550, 90_060)
     received(gaps, 100.0, 0, 10, name="rudder")
@@ -79,7 +81,7 @@ def test_missing_blocks_and_shared_names_are_of_each_actuator():
     assert (gaps.lost, gaps.shared) == (2 + 3, [])
 
 
-def test_no_block_is_missing_after_a_pause_or_while_there_is_one_publisher():
+def test_no_block_is_missing_after_a_pause_or_with_a_single_publisher():
     gaps = SampleGaps()
     received(gaps, 100.0, 0)
     gaps.pause()
@@ -107,7 +109,7 @@ def test_recorded_qos_is_read_back(numbers: bool):
         recorded_qos("- history: keep_some\n")
 
 
-def test_replayed_qos_keeps_what_is_latched_and_widens_streams():
+def test_replayed_qos_keeps_latched_messages_and_widens_streams():
     assert replay_qos([LATCHED]).depth == 1
     assert replay_qos([LATCHED]).durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert replay_qos([STREAM]).depth == 1000
@@ -118,7 +120,7 @@ def test_replayed_qos_keeps_what_is_latched_and_widens_streams():
 
 
 @pytest.mark.parametrize("recorded", [(), (LATCHED,), (ALIVE,), (ALIVE, ALIVE), (ALIVE, LATCHED)])
-def test_played_health_asserts_liveliness_also_if_the_recorded_did_not(
+def test_played_health_asserts_liveliness_even_if_the_recorded_did_not(
     recorded: tuple[QoSProfile, ...],
 ):
     """A recording of another version has health without a lease."""

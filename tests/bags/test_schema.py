@@ -55,7 +55,7 @@ SEPARATOR = "=" * 80
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=type_name)
-def test_schema_states_what_is_hashed(kind: type):
+def test_schema_is_the_text_that_is_hashed(kind: type):
     # rosbags computes the hash from the text, so that text and hash belong together.
     name = type_name(kind)
     store = get_typestore(Stores.EMPTY)
@@ -63,14 +63,14 @@ def test_schema_states_what_is_hashed(kind: type):
     assert store.hash_rihs01(name) == type_hash(name)
 
 
-def test_schema_joins_the_definitions_as_they_are():
+def test_schema_joins_the_unchanged_definitions():
     assert schema_text("std_msgs/msg/Header") == (
         f"{definition('std_msgs/msg/Header')}\n{SEPARATOR}\nMSG: builtin_interfaces/Time\n"
         f"{definition('builtin_interfaces/msg/Time')}"
     )
 
 
-def test_contained_types_come_once_and_depth_first():
+def test_nested_types_occur_once_and_depth_first():
     titles = [
         line for line in schema_text("ema_interfaces/msg/Health").splitlines() if "MSG: " in line
     ]
@@ -83,7 +83,7 @@ def test_contained_types_come_once_and_depth_first():
     ]
 
 
-def test_installed_schema_passes_by_hash_and_by_fields():
+def test_installed_schema_matches_by_hash_and_by_fields():
     text = schema_text(TELEMETRY)
     to_installed(TELEMETRY, text, type_hash(TELEMETRY))
     to_installed(TELEMETRY, "", type_hash(TELEMETRY))
@@ -102,7 +102,9 @@ def test_installed_schema_passes_by_hash_and_by_fields():
         ("uint32 nanosec", "int32 nanosec", "builtin_interfaces/Time has .int32 nanosec."),
     ],
 )
-def test_other_fields_are_refused_by_name(old: str, new: str, reported: str, recorded_hash: str):
+def test_different_fields_are_refused_by_name(
+    old: str, new: str, reported: str, recorded_hash: str
+):
     text = schema_text(TELEMETRY)
     assert old in text
     with pytest.raises(
@@ -111,7 +113,7 @@ def test_other_fields_are_refused_by_name(old: str, new: str, reported: str, rec
         to_installed(TELEMETRY, text.replace(old, new), recorded_hash)
 
 
-def test_other_order_is_refused():
+def test_different_order_is_refused():
     lines = schema_text("ema_interfaces/msg/FaultVector").splitlines(keepends=True)
     friction = next(line for line in lines if line.startswith("float64 friction"))
     lines.append(lines.pop(lines.index(friction)))
@@ -119,7 +121,7 @@ def test_other_order_is_refused():
         to_installed("ema_interfaces/msg/FaultVector", "".join(lines), "")
 
 
-def test_other_hash_alone_is_refused():
+def test_different_hash_alone_is_refused():
     with pytest.raises(ValueError, match=r"recorded RIHS01_0+, installed RIHS01_[0-9a-f]+"):
         to_installed(TELEMETRY, schema_text(TELEMETRY), "RIHS01_" + "0" * 64)
 
@@ -134,7 +136,7 @@ def test_unknown_type_is_named(ask, name: str):
         ask(name)
 
 
-def test_offered_qos_with_a_message():
+def test_offered_qos_is_written_like_that_of_ros():
     qos = QoSProfile(
         depth=5,
         history=HistoryPolicy.KEEP_LAST,
@@ -203,13 +205,13 @@ def old_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return bag.path
 
 
-def test_older_description_is_read_with_the_defaults(old_bag: Path):
+def test_older_description_is_read_with_defaults(old_bag: Path):
     recorded = read_telemetry(Bag(old_bag))
     assert recorded.descriptions == (DESCRIPTION,)
     assert recorded.descriptions[0].acquisition == Acquisition()
 
 
-def test_older_message_becomes_one_of_the_installed_type(old_bag: Path):
+def test_older_message_is_converted_to_the_installed_type(old_bag: Path):
     bag = Bag(old_bag)
     upgrade = bag.topics["/description"].upgrade()
     assert upgrade is not None
@@ -249,7 +251,7 @@ def test_only_fields_with_a_default_may_be_missing():
         to_installed(DESCRIPTION_TYPE, renamed, other_hash)
 
 
-def test_definition_with_line_ends_of_windows_is_read(tmp_path: Path):
+def test_definition_with_windows_line_ends_is_read(tmp_path: Path):
     text = schema_text("sensor_msgs/msg/JointState").replace("\n", "\r\n")
     message = JointState(name=["a"], position=[0.5], velocity=[0.25])
     decoded = decoder("sensor_msgs/msg/JointState", text)(serialize_message(message))

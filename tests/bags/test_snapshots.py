@@ -57,7 +57,7 @@ def health(level: int, actuator: str = "flap") -> Health:
     return Health(actuator_id=actuator, level=level)
 
 
-def test_first_level_is_no_change_and_own_statuses_do_not_count(record):
+def test_first_level_is_no_change_and_the_recorders_own_statuses_do_not_count(record):
     recording = record(Health, HealthSummary, String, DiagnosticArray)
     for message, printed in (
         (health(OK), ""),
@@ -78,7 +78,7 @@ def test_first_level_is_no_change_and_own_statuses_do_not_count(record):
         assert received(recording, DiagnosticArray(status=status)) == printed
 
 
-def test_snapshot_begins_with_what_held_before_it(record, tmp_path: Path):
+def test_snapshot_begins_with_the_latched_messages_before_it(record, tmp_path: Path):
     recording = record(ActuatorDescription, TelemetryBlock, Health, FaultEstimate)
 
     def receive_block(number: int, time_ns: int) -> None:
@@ -119,7 +119,7 @@ def test_snapshot_begins_with_what_held_before_it(record, tmp_path: Path):
     assert "calibration_id of flap: made_in_may" in (folder / METADATA_FILE).read_text()
 
 
-def test_snapshot_has_the_time_after_the_change_as_well(record):
+def test_snapshot_includes_the_time_after_the_change(record):
     recording = record(Health, TelemetryBlock, snapshot_duration=2.0, snapshot_after=3.0)
     received(recording, health(OK))
     assert received(recording, health(WARN), 4 * S) == ""
@@ -132,7 +132,7 @@ def test_snapshot_has_the_time_after_the_change_as_well(record):
     assert recording.write_snapshot().startswith("5 messages (5.000 s) written to ")
 
 
-def test_level_that_flickers_does_not_prevent_a_snapshot(record):
+def test_flickering_level_does_not_prevent_a_snapshot(record):
     recording = record(Health, snapshot_duration=5.0, snapshot_after=3.0)
     written = [
         (time_s, recording.write_snapshot())
@@ -151,7 +151,7 @@ def test_clock_that_is_set_back_does_not_postpone_a_snapshot(record):
     assert received(recording, TelemetryBlock(), 50 * S) == "health of flap from OK to WARN"
 
 
-def test_snapshot_that_is_awaited_is_written_at_the_end(record, tmp_path: Path):
+def test_pending_snapshot_is_written_at_the_end(record, tmp_path: Path):
     recording = record(Health, snapshot_after=30.0)
     received(recording, health(OK), S)
     received(recording, health(WARN), 2 * S)
@@ -159,7 +159,7 @@ def test_snapshot_that_is_awaited_is_written_at_the_end(record, tmp_path: Path):
     assert len(list(Bag(tmp_path / "flight").messages())) == 2
 
 
-def test_statuses_write_no_snapshot_of_healths_alone(record):
+def test_statuses_trigger_no_snapshot_without_a_change_of_health(record):
     recording = record(Health, DiagnosticArray, snapshot_levels="health")
     for level in (b"\0", b"\1"):
         status = [DiagnosticStatus(name="/ema/monitor: flap health", level=level)]
@@ -168,7 +168,7 @@ def test_statuses_write_no_snapshot_of_healths_alone(record):
     assert received(recording, health(WARN), S) == "health of flap from OK to WARN"
 
 
-def test_oldest_snapshots_are_deleted_beyond_the_size_of_all(record, tmp_path: Path):
+def test_oldest_snapshots_are_deleted_beyond_the_size_limit(record, tmp_path: Path):
     recording = record(Health, TelemetryBlock, max_snapshots_size=150_000)
     folder = tmp_path / "flight"
     position = np.random.default_rng(1).random(1000)
@@ -191,6 +191,6 @@ def test_oldest_snapshots_are_deleted_beyond_the_size_of_all(record, tmp_path: P
 
 
 @pytest.mark.parametrize(("name", "value"), [("snapshot_after", 3), ("max_snapshots_size", 5000)])
-def test_settings_of_snapshots_need_snapshots(name, value):
+def test_snapshot_settings_require_snapshots(name, value):
     with pytest.raises(ValueError, match=f"{name} = {value}: expected snapshot_duration as well"):
         RecorderSettings(**{name: value})

@@ -76,7 +76,7 @@ def assert_same(read: Sequence[Telemetry | Malformed], written: list[Telemetry])
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_telemetry_comes_back_with_its_description(tmp_path: Path):
+def test_telemetry_is_read_with_its_description(tmp_path: Path):
     description = ActuatorDescription(actuator_id="flap")
     other = replace(description, actuator_id="rudder")
     written = blocks(first_index=2**53 + 1)
@@ -133,9 +133,7 @@ ONE_ACTUATOR = [("/raw", "flap", blocks(0)), ("/filtered", "flap", blocks(7000))
         (ONE_ACTUATOR, {"actuator_id": "flap"}, "choose one by topic"),
     ],
 )
-def test_telemetry_that_is_none_or_several_is_refused(
-    tmp_path: Path, streams, choice, reported: str
-):
+def test_missing_or_ambiguous_telemetry_is_refused(tmp_path: Path, streams, choice, reported: str):
     bag = record(tmp_path / "flight", *streams)
     with pytest.raises(ValueError, match=reported):
         blocks_of(read_telemetry(bag, **choice))
@@ -156,7 +154,7 @@ def test_telemetry_is_chosen_by_topic_and_actuator(tmp_path: Path, streams, choi
     assert_same(blocks_of(read_telemetry(bag, **choice)), streams[number][2])
 
 
-def test_malformed_block_is_reported_in_its_place(tmp_path: Path):
+def test_malformed_block_is_reported_at_its_position(tmp_path: Path):
     good = blocks()[0]
     message = telemetry_to_message(good, "flap")
     message.speed = array.array("d", [0.0])
@@ -171,7 +169,7 @@ def test_malformed_block_is_reported_in_its_place(tmp_path: Path):
     assert_same([second], [good])
 
 
-def test_impossible_description_is_skipped_and_named_with_its_place(tmp_path: Path):
+def test_impossible_description_is_skipped_and_named_with_its_position(tmp_path: Path):
     message = description_to_message(ActuatorDescription(actuator_id="flap"))
     message.gear_ratio = 0.0
     with BagWriter(tmp_path / "flight") as writer:
@@ -230,7 +228,7 @@ def test_service_life_is_counted_at_the_start_of_each_cycle(recorded):
     assert [m.header.stamp for m in counts] == [m.header.stamp for m in truths]
 
 
-def test_joint_state_is_that_of_the_user_shaft(recorded):
+def test_joint_state_has_the_angle_of_the_user_shaft(recorded):
     tau = recorded[0].parameters.tau
     joints = [item.message for item in on(recorded, topics.JOINT_STATES)]
     assert len(joints) == len(recorded[1])

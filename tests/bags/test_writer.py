@@ -89,7 +89,7 @@ def file_of(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("chunk_bytes", [1, 10_000_000])
-def test_own_reader_reads_what_was_written(path: Path, chunk_bytes: int):
+def test_package_reader_reads_all_written_messages(path: Path, chunk_bytes: int):
     written = record(path, chunk_bytes=chunk_bytes)
     bag = Bag(path)
     assert as_read(bag) == written
@@ -103,7 +103,7 @@ def test_own_reader_reads_what_was_written(path: Path, chunk_bytes: int):
     assert bag.topics["/ema/health"].type_hash == type_hash("ema_interfaces/msg/Health")
 
 
-def test_rosbags_reads_what_was_written(path: Path):
+def test_rosbags_reads_all_written_messages(path: Path):
     written = record(path)
     with AnyReader([path]) as reader:
         for connection in reader.connections:
@@ -128,7 +128,7 @@ def test_rosbags_reads_what_was_written(path: Path):
             assert other.faults[0].rul.hours_50 == message.faults[0].rul.hours_50
 
 
-def test_records_are_rosbag2s(path: Path):
+def test_records_are_those_of_rosbag2(path: Path):
     record(path)
     with file_of(path).open("rb") as file:
         reader = make_reader(file)
@@ -149,7 +149,7 @@ def test_records_are_rosbag2s(path: Path):
     assert information["message_count"] == 63
 
 
-def test_metadata_file_is_rosbag2s(tmp_path: Path):
+def test_metadata_file_equals_that_of_rosbag2(tmp_path: Path):
     record(tmp_path / "flight")
     text = (tmp_path / "flight" / "metadata.yaml").read_text()
     assert "&" not in text, "no YAML references"
@@ -186,7 +186,7 @@ def test_metadata_file_is_rosbag2s(tmp_path: Path):
     ]
 
 
-def test_recording_without_a_message_is_whole(path: Path):
+def test_recording_without_messages_is_complete(path: Path):
     with BagWriter(path) as writer:
         writer.add_topic("/ema/telemetry", TelemetryBlock, QOS)
     bag = Bag(path)
@@ -197,7 +197,7 @@ def test_recording_without_a_message_is_whole(path: Path):
         assert reader.message_count == 0
 
 
-def test_recording_is_not_replaced_unasked(path: Path):
+def test_recording_is_replaced_only_on_request(path: Path):
     written = record(path, blocks=3)
     with pytest.raises(FileExistsError, match="already exists"):
         BagWriter(path)
@@ -206,7 +206,7 @@ def test_recording_is_not_replaced_unasked(path: Path):
     assert as_read(Bag(path)) == written
 
 
-def test_nothing_but_a_recording_is_replaced(tmp_path: Path):
+def test_only_recordings_are_replaced(tmp_path: Path):
     folder = tmp_path / "flight"
     record(folder, blocks=3)
     (folder / "notes.txt").write_text("mine")
@@ -226,7 +226,7 @@ def test_impossible_settings_are_refused(tmp_path: Path, flush_s: float):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_wrong_use_is_refused_and_leaves_the_recording_whole(path: Path):
+def test_wrong_use_is_refused_and_leaves_the_recording_intact(path: Path):
     with BagWriter(path) as writer:
         writer.add_topic("/t", String, QOS)
         with pytest.raises(ValueError, match="topic /t was added before"):
@@ -248,7 +248,7 @@ def test_wrong_use_is_refused_and_leaves_the_recording_whole(path: Path):
     assert bag.damage == ""
 
 
-def test_many_threads_may_write(path: Path):
+def test_several_threads_may_write(path: Path):
     def write(thread: int) -> None:
         for number in range(200):
             writer.write(f"/t{thread}", String(data=str(number)), number, thread)
@@ -268,7 +268,7 @@ def test_many_threads_may_write(path: Path):
     assert bag.damage == ""
 
 
-def test_a_last_message_is_written_out_without_a_next_one(path: Path):
+def test_last_message_is_written_to_disk_without_a_next_one(path: Path):
     with BagWriter(path, flush_s=0.1) as writer:
         writer.add_topic("/t", String, QOS)
         writer.write("/t", String(data="lonely"), 5, 4)
@@ -295,7 +295,7 @@ while True:
 """
 
 
-def test_killed_writer_leaves_what_it_wrote_out(path: Path):
+def test_killed_writer_keeps_what_it_wrote_to_disk(path: Path):
     def messages() -> int:
         try:
             return len(list(Bag(path).messages()))
@@ -353,7 +353,7 @@ def information(folder: Path) -> dict:
 
 
 @pytest.mark.parametrize("settings", [{"max_bytes": 30_000}, {"max_duration_s": 0.25}])
-def test_each_file_begins_with_how_things_stand(tmp_path: Path, settings: dict):
+def test_each_file_begins_with_the_latest_latched_messages(tmp_path: Path, settings: dict):
     folder = tmp_path / "flight"
     record_numbered(folder, **settings).close()
     files = sorted(folder.glob("*.mcap"))
@@ -388,7 +388,7 @@ def test_each_file_begins_with_how_things_stand(tmp_path: Path, settings: dict):
     assert seen == N
 
 
-def test_files_together_are_one_recording(tmp_path: Path):
+def test_files_of_a_split_recording_form_one_recording(tmp_path: Path):
     folder = tmp_path / "flight"
     record_numbered(folder, max_duration_s=0.25).close()
     bag = Bag(folder)
@@ -410,7 +410,7 @@ def test_files_together_are_one_recording(tmp_path: Path):
             reader.deserialize(data, connection.msgtype)
 
 
-def test_metadata_list_what_is_closed_and_the_rest_is_found(tmp_path: Path):
+def test_metadata_list_closed_files_and_the_reader_detects_the_rest(tmp_path: Path):
     folder = tmp_path / "flight"
     with record_numbered(folder, max_duration_s=0.25) as writer:
         writer.flush()
@@ -422,7 +422,7 @@ def test_metadata_list_what_is_closed_and_the_rest_is_found(tmp_path: Path):
         assert "other" not in bag.damage
 
 
-def test_one_file_cannot_be_split(tmp_path: Path):
+def test_recording_in_a_single_file_cannot_be_split(tmp_path: Path):
     with pytest.raises(ValueError, match=r"flight.mcap is a single file: expected a folder"):
         BagWriter(tmp_path / "flight.mcap", max_bytes=1_000_000)
     assert not any(tmp_path.iterdir())
@@ -447,7 +447,7 @@ def test_messages_end_where_their_content_ends(tmp_path: Path):
     assert names == {kind.__name__ for kind in KINDS}
 
 
-def test_ros_leaves_bytes_behind_a_message_and_they_are_cut_off():
+def test_bytes_that_ros_leaves_after_a_message_are_cut_off():
     data = serialize_message(TelemetryBlock(actuator_id="flap"))
     trim = trimmer(type_name(TelemetryBlock))
     assert len(data) > len(trim(data))

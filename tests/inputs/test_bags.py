@@ -44,11 +44,13 @@ def imported(path, mapping, description=FLAP):
     return import_series(open_input(path).series(mapping), mapping, description)
 
 
-def assert_same(found, telemetry, start=0, tolerance=1e-12):
+def assert_same(recording, telemetry, start=0, tolerance=1e-12):
     """Compare the only run with the published telemetry, beginning at sample ``start``."""
-    [run] = found.runs
+    [run] = recording.runs
     assert len(run.values) == len(telemetry) - start
-    expected = np.column_stack([getattr(telemetry, name)[start:] for name in found.stream.filled])
+    expected = np.column_stack(
+        [getattr(telemetry, name)[start:] for name in recording.stream.filled]
+    )
     assert run.values == pytest.approx(expected, rel=tolerance, abs=tolerance)
     assert np.array_equal(run.stamps_ns, np.array(other_makes.stamps_of(telemetry))[start:])
 
@@ -57,7 +59,9 @@ def assert_same(found, telemetry, start=0, tolerance=1e-12):
     ("storage", "compression"),
     [("sqlite3", ""), ("mcap", ""), ("sqlite3", "MESSAGE"), ("mcap", "FILE")],
 )
-def test_joint_states_of_both_storages_are_the_telemetry(telemetry, tmp_path, storage, compression):
+def test_joint_states_in_both_storages_give_the_published_telemetry(
+    telemetry, tmp_path, storage, compression
+):
     path = tmp_path / "bag"
     with OtherBag(path, storage, compression) as bag:
         other_makes.write_joint_states(bag, telemetry)
@@ -72,27 +76,27 @@ def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
         for received_ns in (1, 2, 2, 2):
             bag.write_raw("/joint_states", b"\x00\x01\x00\x00\x07", received_ns)
     bag = SqliteBag(tmp_path / "bag")
-    for others in ([], ["/first"]):
-        read = sum(1 for _ in bag.messages(["/joint_states", *others]))
-        assert read == len(telemetry) + len(others)
+    for topics in ([], ["/first"]):
+        read = sum(1 for _ in bag.messages(["/joint_states", *topics]))
+        assert read == len(telemetry) + len(topics)
         assert "topic /joint_states: 4 malformed messages skipped" in bag.remarks[0]
 
 
-def test_stamps_that_are_zero_are_rebuilt_and_stated(telemetry, tmp_path):
+def test_zero_stamps_are_rebuilt_and_reported(telemetry, tmp_path):
     delays = 2e5 + np.random.default_rng(0).exponential(1e5, len(telemetry))
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry, stamped=False, delays=delays)
-    found = imported(tmp_path / "bag", joint_states())
-    [run] = found.runs
-    assert found.rebuilt == len(telemetry)
-    assert [item.name for item in found.defects] == ["stamps_rebuilt"]
+    recording = imported(tmp_path / "bag", joint_states())
+    [run] = recording.runs
+    assert recording.rebuilt == len(telemetry)
+    assert [item.name for item in recording.defects] == ["stamps_rebuilt"]
     # Samples and commands equal those published, at regular stamps.
-    expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
+    expected = np.column_stack([getattr(telemetry, name) for name in recording.stream.filled])
     assert run.values == pytest.approx(expected, rel=1e-12)
     assert np.std(np.diff(run.stamps_ns)) < 2e4
 
 
-def test_interface_values_are_found_by_names_on_another_topic(telemetry, tmp_path):
+def test_interface_values_are_identified_by_names_on_another_topic(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_interface_values(bag, telemetry)
 
@@ -111,7 +115,7 @@ def test_interface_values_are_found_by_names_on_another_topic(telemetry, tmp_pat
     assert_same(imported(tmp_path / "bag", mapping), telemetry)
 
 
-def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path):
+def test_odrive_messages_give_the_telemetry_except_for_its_stamps(telemetry, tmp_path):
     delays = 2e5 + np.random.default_rng(1).exponential(1e5, len(telemetry))
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_odrive(bag, telemetry, delays)
@@ -160,7 +164,7 @@ def test_mapping_of_a_bag_has_the_command_that_the_joint_follows(telemetry, tmp_
         ),
     ],
 )
-def test_what_a_bag_does_not_hold_is_named(telemetry, tmp_path, changes, words):
+def test_missing_part_of_a_bag_is_named(telemetry, tmp_path, changes, words):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry.part(0, 60))
     with pytest.raises(ValueError, match=r".*") as refusal:

@@ -79,7 +79,7 @@ def stamps_of(telemetry, offset_ns=START_NS):
 
 
 @pytest.mark.parametrize(("rate_hz", "every"), [(1000, 1), (500, 10), (1000, 333)])
-def test_blocks_are_the_telemetry_however_messages_come(rate_hz, every):
+def test_blocks_do_not_depend_on_the_arrival_of_messages(rate_hz, every):
     telemetry, target = cycle(rate_hz), bridge(rate_hz=rate_hz)
     blocks = run(target, telemetry, stamps_of(telemetry), every=every)
     for name in ("command", "current", "position", "speed"):
@@ -96,7 +96,7 @@ def test_blocks_are_the_telemetry_however_messages_come(rate_hz, every):
 @pytest.mark.parametrize(
     ("rate_hz", "given_s", "block_s"), [(200, 0.01, 0.1), (1000, 0.01, 0.02), (1000, 0.05, 0.05)]
 )
-def test_blocks_of_a_slow_drive_are_longer_and_alike(rate_hz, given_s, block_s):
+def test_blocks_of_a_slow_drive_are_longer_and_equally_long(rate_hz, given_s, block_s):
     telemetry, target = cycle(rate_hz), bridge(rate_hz=rate_hz, block_s=given_s)
     assert target.block_s == given_s  # The rate is unknown so far.
     every = round(block_s * rate_hz)
@@ -106,7 +106,7 @@ def test_blocks_of_a_slow_drive_are_longer_and_alike(rate_hz, given_s, block_s):
     assert all(every / 2 < len(block) < 2 * every for block in blocks)
 
 
-def test_what_is_not_measured_is_empty_and_stated(telemetry):
+def test_unmeasured_columns_are_empty_and_reported(telemetry):
     target = bridge(mapping(speed=None, current=None))
     blocks = run(target, telemetry, stamps_of(telemetry))
     assert all(len(block.speed) == len(block.current) == 0 for block in blocks)
@@ -114,7 +114,7 @@ def test_what_is_not_measured_is_empty_and_stated(telemetry):
     assert target.description.acquisition == Acquisition("none", 0.0, False)
 
 
-def test_messages_without_a_stamp_are_put_on_a_line(telemetry):
+def test_messages_without_a_stamp_get_regular_stamps(telemetry):
     rng = np.random.default_rng(0)
     stamps = stamps_of(telemetry)
     sent = stamps + np.rint(rng.exponential(1e5, len(stamps))).astype(np.int64)
@@ -128,7 +128,7 @@ def test_messages_without_a_stamp_are_put_on_a_line(telemetry):
     assert position == pytest.approx(telemetry.position[: len(position)], rel=1e-12)
 
 
-def test_command_that_is_sent_on_change_only_is_held(telemetry):
+def test_command_that_is_sent_only_on_change_is_held(telemetry):
     target = bridge(wait_s=0.1)
     changes = np.flatnonzero(np.diff(telemetry.command, prepend=np.nan))
     blocks = run(target, telemetry, stamps_of(telemetry), send_command=set(changes).__contains__)
@@ -188,7 +188,7 @@ def test_column_that_becomes_nan_after_good_data_is_an_error_with_its_name(telem
     assert blocks
 
 
-def test_some_samples_that_are_not_finite_are_a_note():
+def test_a_few_non_finite_samples_are_a_note():
     column = np.zeros(1000)
     column[:5] = np.nan
     [defect] = not_finite({"current": column, "speed": np.zeros(1000)})
@@ -281,7 +281,7 @@ def test_speed_of_an_elastic_joint_is_a_note_and_withholds_nothing():
     assert sum(len(block) for block in blocks) == 1200
 
 
-def test_unit_of_the_first_stroke_is_judged_again_before_telemetry_is_withheld():
+def test_unit_is_judged_again_after_the_first_stroke_before_telemetry_is_withheld():
     """Evidence from one stroke withholds nothing; evidence from three strokes does."""
     target = joint_bridge(learn_s=0.5)
     blocks = send_moves(target, 0.8, speed_factor=57.29578)
@@ -294,7 +294,7 @@ def test_unit_of_the_first_stroke_is_judged_again_before_telemetry_is_withheld()
     assert target.withheld > 0
 
 
-def test_defect_of_the_first_stroke_goes_away_with_more_motion():
+def test_defect_of_the_first_stroke_disappears_with_more_motion():
     target = joint_bridge(learn_s=0.5)
     send_moves(target, 0.8, speed_factor=-1.0)
     assert [item.name for item in target.uncertain] == ["speed_sign_reversed"]
@@ -373,7 +373,7 @@ def test_several_publishers_of_one_joint_are_an_error(offsets):
     assert f"the joint has {len(each)} publishers, each at 200 Hz" in defect.text
 
 
-def test_jitter_and_lost_samples_are_no_second_publisher():
+def test_jitter_and_lost_samples_are_not_mistaken_for_a_second_publisher():
     _, stamps = moves(10.0)
     period, rng = stamps[1] - stamps[0], np.random.default_rng(1)
     for size in (0.0, 0.05, 0.2):
@@ -390,7 +390,7 @@ def test_telemetry_of_two_publishers_is_withheld():
 
 
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
-def test_rate_that_changes_is_learned_again(before_hz, after_hz):
+def test_changed_rate_is_learned_again(before_hz, after_hz):
     """No block is published at a rate that differs from the rate of the samples."""
     target = joint_bridge(learn_s=0.5)
     stamp_ns, blocks = START_NS, list[Telemetry]()
@@ -455,7 +455,7 @@ def send_arriving(target: Bridge, rates_hz, seconds, *, burst=1, stall_s=0.0):
 
 @pytest.mark.parametrize("burst", [1, 8])
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
-def test_rate_that_changes_is_learned_again_by_arrival(before_hz, after_hz, burst):
+def test_changed_rate_is_learned_again_from_arrival_times(before_hz, after_hz, burst):
     """No sample has a stamp after its arrival, and stamps never decrease."""
     target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
     blocks = send_arriving(target, (before_hz, after_hz), 5.0, burst=burst)
@@ -473,7 +473,7 @@ def test_rate_that_changes_is_learned_again_by_arrival(before_hz, after_hz, burs
 
 
 @pytest.mark.parametrize("stall_s", [0.15, 0.5])
-def test_stalls_of_the_network_are_no_change_of_rate(stall_s):
+def test_stalls_of_the_network_are_not_mistaken_for_a_change_of_rate(stall_s):
     target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
     blocks = send_arriving(target, (500,), 9.0, stall_s=stall_s)
     assert {block.sample_period for _, block in blocks} == {0.002}
@@ -482,7 +482,7 @@ def test_stalls_of_the_network_are_no_change_of_rate(stall_s):
 
 
 @pytest.mark.parametrize("kind", ["rate of the mapping", "bursts"])
-def test_rate_that_is_given_or_uneven_is_not_learned_again_and_again(kind):
+def test_given_or_uneven_rate_is_not_learned_repeatedly(kind):
     fixed = {"clock": {"rate_hz": 1000.0}} if kind == "rate of the mapping" else {}
     target = joint_bridge(mapping(command=None, **fixed), learn_s=0.5)
     columns, stamps = moves(8.0, 500.0)

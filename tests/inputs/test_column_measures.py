@@ -31,31 +31,31 @@ def test_lag_is_measured_within_a_fifth_of_a_sample(lag, last):
     """The record ends either in motion or at rest."""
     cause, effect = trapezoids(TIMES + 1.0), trapezoids(TIMES + 1.0 - lag)
     noise = np.random.default_rng(0).normal(0.0, 0.002, len(TIMES))
-    found = lag_between(cause[:last], (effect + noise)[:last], H)
-    assert found == pytest.approx(lag, abs=0.2 * H)
+    measured = lag_between(cause[:last], (effect + noise)[:last], H)
+    assert measured == pytest.approx(lag, abs=0.2 * H)
 
 
-def test_columns_that_are_not_alike_have_no_lag():
+def test_dissimilar_columns_have_no_lag():
     rng = np.random.default_rng(1)
     assert math.isnan(lag_between(trapezoids(TIMES), rng.normal(size=len(TIMES)), H))
 
 
 @pytest.mark.parametrize("step", [2.0 * np.pi / 4096, 2.69, 1e-3])
-def test_step_of_quantised_values_is_found(step):
+def test_quantisation_step_is_detected(step):
     values = step * np.round(40.0 * np.sin(2.0 * TIMES) + 3.3 * np.sin(7.1 * TIMES))
     assert quantisation_step(values + 0.7) == pytest.approx(step, rel=1e-6)
     assert math.isnan(quantisation_step(np.random.default_rng(2).normal(size=3000)))
     assert math.isnan(quantisation_step(np.full(50, 3.0)))
 
 
-def test_saturation_is_the_share_at_the_limit_and_no_single_peak():
+def test_saturation_is_the_share_at_the_limit_and_ignores_a_single_peak():
     effort = 3.0 * np.sin(3.0 * TIMES)
     assert saturated_share(effort) < 0.01
     clipped = np.clip(effort, -2.0, 2.0)
     assert saturated_share(clipped) == pytest.approx(np.mean(np.abs(clipped) == 2.0), abs=1e-3)
 
 
-def test_repetition_counts_in_motion_only():
+def test_repeated_values_count_only_in_motion():
     values = np.repeat(np.sin(np.arange(500) / 20.0), 5)
     values[1000:2000] = 0.4
     moving = np.ones(len(values), dtype=bool)

@@ -34,7 +34,7 @@ def found(telemetry, columns, mapped):
     return find
 
 
-def test_nothing_is_wrong_with_what_is_right(found):
+def test_correct_columns_have_no_defects(found):
     assert found() == []
 
 
@@ -85,7 +85,7 @@ def test_degrees_beyond_the_end_stop_are_named_without_a_speed(found, mapped):
     assert {item.name for item in found(mapping, **far)} == {"position_unit", "command_unit"}
 
 
-def test_remedy_is_that_of_the_mapping_as_it_is(found, mapped):
+def test_remedy_refers_to_the_mapping_in_use(found, mapped):
     mapping = mapped(position={"source": "p", "sign": -1})
     [defect] = found(mapping, position=-1)
     assert defect.remedy == "position: {sign: 1}"
@@ -97,20 +97,18 @@ def test_accepted_defect_does_not_forbid_estimates(found, mapped):
     assert refused(defects, mapped(accept=["current_zero"])) == []
 
 
-def test_position_at_the_motor_is_stated_to_hide_the_backlash(found, mapped):
+def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(found, mapped):
     [defect] = found(mapped(position={"source": "p", "shaft": "motor"}))
     assert (defect.name, defect.is_error) == ("position_at_motor", False)
 
 
-def test_current_of_another_drive_than_that_of_the_description_is_named(found, mapped):
+def test_current_kind_that_contradicts_the_drive_is_named(found, mapped):
     [defect] = found(mapped(current={"source": "i", "kind": "i_q"}))
     assert (defect.name, defect.is_error) == ("drive_of_i_q", True)
     assert "drive: field_oriented in the description" in defect.remedy
 
 
-def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
-    telemetry, columns, mapped
-):
+def test_unknown_drive_is_not_checked_against_default_limits(telemetry, columns, mapped):
     """The description of an unknown drive has only default limits and sizes."""
     unknown = replace(FLAP, drive="unknown")
     far = {name: columns[name] * (200.0 if name != "current" else 900.0) for name in columns}
@@ -121,7 +119,7 @@ def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
     assert defect.name == "current_sign_reversed"
 
 
-def test_nothing_is_stated_of_an_actuator_at_rest(telemetry, mapped):
+def test_actuator_at_rest_has_no_defects(telemetry, mapped):
     still = {name: np.zeros(500) for name in ("command", "current", "position", "speed")}
     assert find_defects(still, telemetry.stamps_ns[:500], mapped(), FLAP) == []
 
@@ -137,7 +135,7 @@ CAUSES = [
 
 
 @pytest.mark.slow
-def test_no_fault_and_no_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapped):
+def test_no_fault_or_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapped):
     """The telemetry has 1 kHz, and 500 Hz with every second sample."""
     cases = [({name: value}, ()) for name, value in WORST.items()]
     cases += [({}, (cause,)) for cause in CAUSES]
@@ -159,7 +157,7 @@ def test_no_fault_and_no_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(
             assert found == [], (faults, causes)
 
 
-def test_losses_and_stamps_are_named_with_their_number():
+def test_losses_and_wrong_stamps_are_named_with_their_number():
     losses = Losses(samples=1000, lost=3, gaps=2, filled=5, jumps=1, repeated=4)
     found = {item.name: item for item in stream_defects(losses, 6)}
     assert "3 samples of 1003 missing in 2 gaps" in found["lost_samples"].text

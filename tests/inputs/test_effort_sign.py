@@ -34,7 +34,7 @@ def motion_of_steps(sign: float, *, seconds: float = 20.0) -> ThinnedMotion:
     return motion
 
 
-def test_net_work_has_the_sign_of_the_effort_however_hard_it_brakes():
+def test_net_work_has_the_sign_of_the_effort_even_with_hard_braking():
     right, reversed_ = motion_of_steps(1.0), motion_of_steps(-1.0)
     # Friction takes 12 % of the work that a step puts into the inertia and takes out again.
     assert right.work_share > 0.05

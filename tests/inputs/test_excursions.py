@@ -21,10 +21,10 @@ def in_blocks(values, block):
     for i in range(0, len(values), block):
         part = np.concatenate([waiting, values[i : i + block]])
         series = np.concatenate([past, part])
-        found = find_excursions(series, len(past), is_last=False)
-        passed = len(part) if found.first_open is None else found.first_open - len(past)
+        excursions = find_excursions(series, len(past), is_last=False)
+        passed = len(part) if excursions.first_open is None else excursions.first_open - len(past)
         start = i + len(values[i : i + block]) - len(part)
-        rows += [start + first - len(past) for first, _ in found.parts]
+        rows += [start + first - len(past) for first, _ in excursions.parts]
         past, waiting = np.concatenate([past, part[:passed]])[-1000:], part[passed:]
         longest = max(longest, len(waiting))
     return rows, longest
@@ -79,7 +79,7 @@ def knocks(rate_hz, rng):
 @pytest.mark.parametrize("motion", [impacts, on_and_off, knocks])
 @pytest.mark.parametrize("rate_hz", [50, 200, 1000])
 @pytest.mark.parametrize("count", [0.0, 2.0 * np.pi / 4096])
-def test_quick_motion_is_no_excursion(motion, rate_hz, count):
+def test_quick_motion_is_not_an_excursion(motion, rate_hz, count):
     values = motion(rate_hz, np.random.default_rng(3))
     if count:
         values = np.round(values / count) * count
@@ -91,7 +91,7 @@ def test_quick_motion_is_no_excursion(motion, rate_hz, count):
 
 @pytest.mark.parametrize("size", [-3.0, 90.0, -32768.0, 1e20])
 @pytest.mark.parametrize("length", [1, 3])
-def test_corrupt_command_is_bridged_and_the_sensors_stay(mapped, size, length):
+def test_corrupt_command_is_bridged_and_the_sensors_are_kept(mapped, size, length):
     columns, stamps = moves(rate_hz=250.0)
     true = {name: values.copy() for name, values in columns.items()}
     columns["command"][1700 : 1700 + length] += size
@@ -105,7 +105,7 @@ def test_corrupt_command_is_bridged_and_the_sensors_stay(mapped, size, length):
 
 
 @pytest.mark.parametrize("length", [7, 20])
-def test_command_beyond_all_travel_for_longer_is_named(mapped, length):
+def test_command_beyond_all_travel_for_longer_is_reported(mapped, length):
     columns, stamps = moves(rate_hz=250.0)
     columns["command"][1200 : 1200 + length] = -32768.0
     got = imported(mapped(), columns, stamps, 250.0)
@@ -115,7 +115,7 @@ def test_command_beyond_all_travel_for_longer_is_named(mapped, length):
     assert f"in {length} samples of 3000" in defect.text
 
 
-def test_set_points_that_step_are_not_bridged(mapped):
+def test_steps_of_the_set_point_are_not_bridged(mapped):
     columns, stamps = moves()
     columns["command"] = np.array([0.0, 0.4, 0.8])[np.arange(len(stamps)) // 170 % 3]
     got = imported(mapped(), columns, stamps, 200.0)
@@ -141,7 +141,7 @@ def test_outage_of_zeros_is_a_gap(mapped, rate_hz, length):
 
 
 @pytest.mark.parametrize(("rate_hz", "length"), [(100.0, 4), (200.0, 10), (500.0, 12)])
-def test_zeros_within_a_moving_command_are_a_gap(mapped, rate_hz, length):
+def test_zeros_in_a_moving_command_are_a_gap(mapped, rate_hz, length):
     columns, stamps = moves(rate_hz=rate_hz)
     columns["command"] += 0.9
     steps = np.abs(np.diff(columns["command"]))
@@ -157,7 +157,7 @@ def test_zeros_within_a_moving_command_are_a_gap(mapped, rate_hz, length):
 
 
 @pytest.mark.parametrize("length", [10, 60])
-def test_command_that_rests_at_zero_or_pulses_is_kept(mapped, length):
+def test_command_that_pulses_or_rests_at_zero_is_kept(mapped, length):
     columns, stamps = moves()
     rests = np.array(columns["command"])
     rests[np.abs(rests) < 0.02] = 0.0
@@ -170,7 +170,7 @@ def test_command_that_rests_at_zero_or_pulses_is_kept(mapped, length):
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 1000.0])
 @pytest.mark.parametrize("size", [0.12, -0.25])
-def test_step_of_the_position_is_named(mapped, rate_hz, size):
+def test_step_of_the_position_is_reported(mapped, rate_hz, size):
     columns, stamps = moves(rate_hz=rate_hz)
     columns["position"][round(0.6 * len(stamps)) :] += size
     got = imported(mapped(), columns, stamps, rate_hz)
@@ -179,7 +179,7 @@ def test_step_of_the_position_is_named(mapped, rate_hz, size):
 
 @pytest.mark.parametrize("length", [5, 9, 30])
 @pytest.mark.parametrize("at", [0.52, 0.55, 0.61])
-def test_position_that_leaves_for_longer_is_named(mapped, length, at):
+def test_longer_excursion_of_the_position_is_reported(mapped, length, at):
     """The excursion occurs in motion and at rest."""
     columns, stamps = moves(rate_hz=250.0)
     row = round(at * len(stamps))
@@ -188,7 +188,7 @@ def test_position_that_leaves_for_longer_is_named(mapped, length, at):
     assert "position_jumps" in [item.name for item in got.defects if item.is_error]
 
 
-def test_position_that_catches_up_after_repeated_values_does_not_jump(mapped):
+def test_position_after_repeated_values_does_not_count_as_a_jump(mapped):
     columns, stamps = moves(travel=1.0)
     row = int(np.argmax(np.abs(np.diff(columns["position"]))))
     for values in columns.values():

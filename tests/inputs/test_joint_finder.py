@@ -64,8 +64,8 @@ def pid(name):
     return SimpleNamespace(kind=PID_STATE, dof_state=state)
 
 
-def names_of(found):
-    return sorted(name for group in found for name in group.names.values())
+def names_of(joints):
+    return sorted(name for group in joints for name in group.names.values())
 
 
 def test_joints_have_the_columns_of_their_messages():
@@ -82,7 +82,7 @@ def test_joints_have_the_columns_of_their_messages():
 
 
 @pytest.mark.parametrize("effort", [None, 0.0, float("nan")])
-def test_effort_that_is_empty_or_always_zero_is_not_published(effort):
+def test_empty_or_zero_effort_is_not_published(effort):
     graph = Graph()
     [group] = graph.run({"/joint_states": state("a", effort=effort, speed=None)})
     assert group.mapping.current is None
@@ -94,7 +94,7 @@ def test_effort_that_is_empty_or_always_zero_is_not_published(effort):
     assert graph.run({"/joint_states": state("a", effort=0.3, speed=None)}) == []
 
 
-def test_a_joint_is_decided_after_a_second_and_ten_messages():
+def test_joint_is_accepted_after_a_second_and_ten_messages():
     graph = Graph()
     assert graph.run({"/joint_states": state("a")}, 15) == []
     assert names_of(graph.run({"/joint_states": state("a")}, 10)) == ["a"]
@@ -106,7 +106,7 @@ def test_joint_that_appears_later_does_not_disturb_the_others():
     assert names_of(graph.run({"/joint_states": state("bca")})) == ["c"]
 
 
-def test_robots_in_namespaces_have_joints_of_the_same_name():
+def test_robots_in_namespaces_may_have_joints_of_the_same_name():
     found = Graph().run({"/left/joint_states": state("a"), "/right/joint_states": state("a")})
     assert names_of(found) == ["left/a", "right/a"]
 
@@ -174,7 +174,7 @@ def test_robot_description_that_is_not_xml_is_reported():
 
 
 @pytest.mark.parametrize("name", ["", "a\nb", "x" * 300])
-def test_joint_with_an_invalid_name_is_refused_and_the_others_are_found(name):
+def test_joint_with_an_invalid_name_is_refused_and_the_others_are_accepted(name):
     graph = Graph()
     assert names_of(graph.run({"/joint_states": state(["a", name])})) == ["a"]
     [(key, reason)] = graph.finder.refused.items()
@@ -182,7 +182,7 @@ def test_joint_with_an_invalid_name_is_refused_and_the_others_are_found(name):
     assert reason.startswith("/joint_states: joint = ")
 
 
-def test_interface_values_have_what_joint_states_lack():
+def test_interface_values_provide_what_joint_states_lack():
     """The finder reads the topic that has position and effort, and also the temperature."""
     graph = Graph()
     values = dynamic("ab", position=0.5, velocity=1.0, torque=2.0, temperature=30.0)
@@ -200,7 +200,7 @@ def test_interface_values_have_what_joint_states_lack():
     assert found.mapping.current.unit == "A"
 
 
-def test_controllers_show_joints_that_no_joint_state_has():
+def test_controllers_provide_joints_that_no_joint_state_has():
     found = Graph().run({"/left/elbow_pid/controller_state": pid("elbow")})
     assert names_of(found) == ["left/elbow"]
     [group] = found
@@ -237,7 +237,7 @@ def test_joint_moves_to_another_topic_when_its_own_is_silent_and_stays_there():
     assert graph.finder.found(graph.now_ns) == []
 
 
-def test_two_joints_are_never_one_actuator():
+def test_two_joints_never_become_one_actuator():
     graph = Graph()
     messages = {"/joint_states": state(["left/elbow"]), "/left/joint_states": state(["elbow"])}
     [group] = graph.run(messages)
@@ -247,13 +247,13 @@ def test_two_joints_are_never_one_actuator():
     assert "'left/elbow' on /joint_states would both be the actuator left/elbow" in reason
 
 
-def test_number_of_joints_is_bounded_and_the_surplus_is_named():
+def test_number_of_joints_is_limited_and_the_surplus_is_named():
     graph = Graph(most=2)
     assert names_of(graph.run({"/joint_states": state("abcd")})) == ["a", "b"]
     assert graph.finder.surplus == {"c", "d"}
 
 
-def test_new_names_in_every_message_are_bounded():
+def test_new_names_in_every_message_are_limited():
     graph = Graph()
     for number in range(50):
         graph.run({"/joint_states": state([f"{number}_{k}" for k in range(30)])}, 1)
@@ -270,7 +270,7 @@ def test_only_selected_topics_have_joints():
     assert names_of(Graph(topics=["/joint_states"]).run(messages)) == ["a"]
 
 
-def test_nothing_is_decided_again_while_nothing_changes(monkeypatch):
+def test_nothing_is_decided_again_without_a_change(monkeypatch):
     graph = Graph()
     states = {"/joint_states": state("ab"), "/left/joint_states": state("a", effort=None)}
     graph.run(states)

@@ -42,22 +42,22 @@ def read(messages, of=None):
     return states
 
 
-def test_each_joint_has_what_a_reader_of_it_alone_gives():
+def test_each_joint_has_the_same_values_as_from_its_own_reader():
     messages = [message(i, "xabc" if i % 2 else "cbax") for i in range(7)]
     states = read(messages)
     for joint in JOINTS:
         alone = Collector(mapping().of_joint(joint))
         for i, item in enumerate(messages):
             alone.add(STATES, item, 0, i)
-        expected, found = alone.take()[STATES], states.of_joint(joint).take()[STATES]
-        assert np.array_equal(found.stamps_ns, expected.stamps_ns)
-        assert np.array_equal(found.arrivals_ns, expected.arrivals_ns)
-        assert found.values.keys() == expected.values.keys()
+        expected, series = alone.take()[STATES], states.of_joint(joint).take()[STATES]
+        assert np.array_equal(series.stamps_ns, expected.stamps_ns)
+        assert np.array_equal(series.arrivals_ns, expected.arrivals_ns)
+        assert series.values.keys() == expected.values.keys()
         for key, values in expected.values.items():
-            assert np.array_equal(found.values[key], values)
+            assert np.array_equal(series.values[key], values)
 
 
-def test_messages_without_a_joint_are_another_publishers():
+def test_messages_without_a_joint_count_as_from_another_publisher():
     states = read([message(i, "ab" if i % 2 else "c") for i in range(6)])
     assert len(states.of_joint("a").take()[STATES]) == 3
     assert len(states.of_joint("c").take()[STATES]) == 3
@@ -66,7 +66,7 @@ def test_messages_without_a_joint_are_another_publishers():
     assert gone.problem() == "joint 'c' is missing in all 2 messages"
 
 
-def test_joint_that_is_missing_later_is_named_with_the_time_since_when():
+def test_missing_joint_is_named_with_the_time_of_its_last_message():
     states = JointStates(mapping())
 
     def send(names, begin_s, end_s):
@@ -88,14 +88,14 @@ def test_joint_that_is_missing_later_is_named_with_the_time_since_when():
     assert not column.problem()
 
 
-def test_array_that_is_empty_is_not_a_number():
+def test_empty_array_is_not_a_number():
     series = read([message(i, "abc", without=("effort",)) for i in range(3)])
     values = series.of_joint("b").take()[STATES].values
     assert np.all(np.isnan(values["current"]))
     assert np.array_equal(values["position"], [98.0, 99.0, 100.0])
 
 
-def test_what_was_taken_is_not_given_again():
+def test_collected_rows_are_not_returned_again():
     states = read([message(0, "abc")])
     assert len(states.of_joint("a").take()[STATES]) == 1
     assert len(states.of_joint("a").take()[STATES]) == 0
@@ -111,7 +111,7 @@ def test_what_was_taken_is_not_given_again():
         ({"clock": {"source": "header.stamp.sec"}}, False),
     ],
 )
-def test_only_plain_fields_of_one_topic_are_read_at_once(changes, is_read_at_once):
+def test_only_plain_fields_of_one_topic_are_read_together(changes, is_read_at_once):
     assert reads_joint_states(mapping(**changes)) is is_read_at_once
 
 
@@ -168,9 +168,9 @@ def test_interface_values_are_read_once_for_all_joints():
         states.add(topic, sent, 0, i)
         alone.add(topic, sent, 0, i)
     states.share()
-    found, expected = states.of_joint("a").take()[topic], alone.take()[topic]
+    series, expected = states.of_joint("a").take()[topic], alone.take()[topic]
     for key, values in expected.values.items():
-        np.testing.assert_array_equal(found.values[key], values)
+        np.testing.assert_array_equal(series.values[key], values)
     lacking = states.of_joint("b").take()[topic].values
     np.testing.assert_array_equal(lacking["position"], 10.0 + np.arange(5))
     assert np.all(np.isnan(lacking["current"]))

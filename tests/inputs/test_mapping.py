@@ -22,7 +22,7 @@ EXAMPLES = sorted(SHIPPED.glob("*.yaml"))
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
+def test_example_is_a_mapping_and_equals_the_mapping_of_its_text(path, tmp_path):
     mapping = load_mapping(path)
     written = tmp_path / "again.yaml"
     written.write_text(mapping_text(mapping))
@@ -81,7 +81,7 @@ def test_error_in_a_file_names_the_file(tmp_path):
         load_mapping(tmp_path / "none.yaml")
 
 
-def test_what_is_left_out_is_not_measured(mapped):
+def test_omitted_columns_are_not_measured(mapped):
     assert mapped().acquisition == Acquisition("mean", 0.0, True)
     assert mapped(current=None, speed=None).acquisition == Acquisition("none", 0.0, False)
     not_sampled = mapped(current={"source": "i", "sampling": "none"})
@@ -89,7 +89,7 @@ def test_what_is_left_out_is_not_measured(mapped):
     assert [key for key, _, _ in not_sampled.wanted()] == ["position", "command", "speed"]
 
 
-def test_number_that_yaml_reads_as_text_is_a_number():
+def test_number_that_yaml_reads_as_text_is_accepted():
     content = yaml.safe_load(
         "{position: {source: p, scale: 1e-3}, command: c, clock: {rate_hz: 100}}"
     )
@@ -121,11 +121,11 @@ STATE = Part(
         ("interface_values[joint_names=flap].values[interface_names=position]", "", 3.0),
     ],
 )
-def test_field_is_found_by_number_name_and_joint(path, joint, value):
+def test_field_is_selected_by_number_name_and_joint(path, joint, value):
     assert FieldPath(path, joint).value(STATE) == value
 
 
-def test_names_may_come_in_a_message_of_their_own():
+def test_names_may_come_in_a_separate_message():
     path = FieldPath("data[keys=flap/position]")
     assert path.value(STATE, Part(keys=["flap/velocity", "flap/position"])) == 7.0
 
@@ -140,14 +140,14 @@ def test_names_may_come_in_a_message_of_their_own():
         ("data[keys=a]", "there is no name array keys to find 'a' in"),
     ],
 )
-def test_field_that_is_not_there_is_named(path, words):
+def test_missing_field_is_named(path, words):
     with pytest.raises(ValueError, match=r".*") as refusal:
         FieldPath(path).value(STATE)
     assert words in str(refusal.value)
 
 
 @pytest.mark.parametrize("path", ["", "a..b", "a[", "a[x]", "a b", "a."])
-def test_text_that_is_no_path_is_refused(path):
+def test_text_that_is_not_a_path_is_refused(path):
     with pytest.raises(ValueError, match="expected field names separated by dots"):
         FieldPath(path)
 
@@ -159,8 +159,8 @@ BASE = {"position": "p", "command": "c", "clock": "t"}
 
 def converted(raw, description=FLAP, **sections):
     content = {name: item for name, item in (BASE | sections).items() if item is not None}
-    given = {"position": 0.0, "command": 0.0} | raw
-    columns = {name: np.array([value]) for name, value in given.items()}
+    values = {"position": 0.0, "command": 0.0} | raw
+    columns = {name: np.array([value]) for name, value in values.items()}
     return convert(columns, mapping_from(content), description)
 
 
@@ -221,7 +221,7 @@ def test_registers_of_drives_are_read_within_half_a_count(telemetry, name, count
         np.testing.assert_allclose(found[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key)
 
 
-def test_lead_is_that_of_a_length_and_of_the_description():
+def test_lead_comes_from_the_length_unit_or_the_description():
     with pytest.raises(ValueError, match="position: lead = "):
         converted({}, position={"source": "p", "unit": "rad", "lead": 0.005})
     raw = {"position": np.array([0.0, 2.5]), "command": np.zeros(2)}
@@ -250,7 +250,7 @@ def test_command_follows_from_the_position_error():
     assert found["command"][0] == 0.5
 
 
-def test_what_is_not_mapped_is_empty():
+def test_unmapped_columns_are_empty():
     found = converted({})
     assert (len(found["speed"]), len(found["current"])) == (0, 0)
 
@@ -269,7 +269,7 @@ def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expecte
     assert found[0] == pytest.approx(expected, rel=1e-14)
 
 
-def test_conventions_of_i_q_give_one_torque():
+def test_conventions_of_i_q_give_the_same_torque():
     """Each convention expresses 1 A peak differently; the constant refers to i_q (M33)."""
     drive = replace(FLAP, drive="field_oriented")
     counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
@@ -288,7 +288,7 @@ def phases(angle):
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_phase_currents_of_a_sinusoidal_motor_are_those_of_i_q_at_any_angle(count):
+def test_phase_currents_of_a_sinusoidal_motor_give_i_q_at_any_angle(count):
     section = {"kind": "phase_currents", "phases": list("abc")[:count], "torque_sign": "q"}
     drive = replace(FLAP, drive="field_oriented")
     for angle in np.linspace(0.0, 6.0, 7):
@@ -299,7 +299,7 @@ def test_phase_currents_of_a_sinusoidal_motor_are_those_of_i_q_at_any_angle(coun
         assert found[0] == pytest.approx(-1.0, rel=1e-12)
 
 
-def test_phase_currents_of_six_steps_are_half_their_magnitudes():
+def test_phase_currents_of_a_six_step_motor_give_half_the_sum_of_magnitudes():
     section = {"kind": "phase_currents", "phases": ["a", "b", "c"], "torque_sign": "q"}
     raw = {"phase_a": 4.0, "phase_b": -3.9, "phase_c": -0.1, "torque_sign": 1.0}
     assert converted(raw, current=section)["current"][0] == pytest.approx(4.0)

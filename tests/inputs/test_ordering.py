@@ -18,7 +18,7 @@ def imported(mapping, columns, stamps, rate_hz=200.0):
 
 @pytest.mark.parametrize("rate_hz", [50.0, 500.0])
 @pytest.mark.parametrize("late", [1, 3])
-def test_samples_out_of_order_by_little_are_sorted(mapped, rate_hz, late):
+def test_samples_slightly_out_of_order_are_sorted(mapped, rate_hz, late):
     columns, stamps = moves(rate_hz=rate_hz)
     order = np.arange(len(stamps))
     for row in range(40, len(stamps) - 40, 83):
@@ -41,7 +41,7 @@ def test_clock_that_goes_back_far_is_not_sorted():
     assert sorting_order(stamps[::-1]) is None
 
 
-def test_sample_that_is_missing_among_the_last_may_still_come():
+def test_sample_that_is_missing_among_the_last_may_still_arrive():
     period = 5_000_000
     stamps = period * np.array([0, 1, 2, 4, 5])
     assert settled_samples(stamps, None, period) == 3
@@ -66,7 +66,7 @@ def test_second_publisher_at_a_fraction_of_the_rate_is_an_error(mapped, times, o
 
 
 @pytest.mark.parametrize("rate_hz", [300.0, 400.0, 700.0])
-def test_rate_that_milliseconds_do_not_divide_is_no_second_publisher(rate_hz):
+def test_rate_that_is_not_a_divisor_of_1_khz_is_not_mistaken_for_a_second_publisher(rate_hz):
     stamps = 1_000_000 * np.rint(1e3 / rate_hz * np.arange(4000)).astype(np.int64)
     assert list(two_publishers(stamps)) == []
 

@@ -88,11 +88,11 @@ def test_payload_of_a_table_is_recognised_by_its_name_for_all_joints(tmp_path, n
         ("payload", lambda n: 1.0 + np.random.default_rng(0).normal(0.0, 0.01, n)),
     ],
 )
-def test_other_columns_are_no_payload(tmp_path, name, make):
+def test_other_columns_are_not_a_payload(tmp_path, name, make):
     assert all(item.mapping.payload is None for item in examined(tmp_path, **{name: make}))
 
 
-def test_two_columns_that_may_be_the_payload_are_not_chosen_from(tmp_path):
+def test_two_possible_payload_columns_leave_the_choice_open(tmp_path):
     found = examined(tmp_path, payload_left=grips, payload_right=grips)
     assert all(item.mapping.payload is None for item in found)
 
@@ -107,9 +107,7 @@ def test_two_columns_that_may_be_the_payload_are_not_chosen_from(tmp_path):
         ({"sign": -1, "above": -0.03}, [0.04, 0.03, 0.01], [0.0, 0.0, 0.02]),
     ],
 )
-def test_payload_is_positive_while_something_is_held_or_nothing_is_known(
-    mapped, section, raw, expected
-):
+def test_payload_is_positive_while_a_load_is_held_or_unknown(mapped, section, raw, expected):
     mapping = mapped(payload={"source": "g", **section}, command=None, speed=None, current=None)
     zeros = np.zeros(len(raw))
     columns = convert({"position": zeros, "payload": np.array(raw)}, mapping, joint())
@@ -117,7 +115,7 @@ def test_payload_is_positive_while_something_is_held_or_nothing_is_known(
 
 
 @pytest.mark.parametrize("jitter_ns", [0, 1_000_000])
-def test_payload_is_imported_without_values_in_between(mapped, jitter_ns):
+def test_payload_is_imported_without_interpolated_values(mapped, jitter_ns):
     columns, stamps = moves(12.0, RATE_HZ)
     payload = grips(len(stamps), 2.0)
     stamps = stamps + np.random.default_rng(0).integers(-jitter_ns, jitter_ns + 1, len(stamps))

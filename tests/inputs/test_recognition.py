@@ -131,14 +131,14 @@ def test_columns_without_names_are_a_guess(guessed):
     assert "command 'ch5' is a guess from its values alone" in remarks_of(guess)
 
 
-def test_name_that_the_motion_contradicts_is_a_guess(guessed):
+def test_column_whose_name_contradicts_the_motion_is_a_guess(guessed):
     """A speed that is not the derivative of the position is recognised only by its name."""
     guess = guessed({"pos": ("position", 1.0), "vel": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is not None
     assert "speed 'vel' is a guess from its name alone" in remarks_of(guess)
 
 
-def test_names_alone_decide_where_nothing_moves(motion, guessed):
+def test_names_decide_if_nothing_moves(motion, guessed):
     guess = guessed({"pos": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.position.source == "pos"
     assert (
@@ -147,7 +147,7 @@ def test_names_alone_decide_where_nothing_moves(motion, guessed):
     )
 
 
-def test_following_error_is_no_speed(guessed):
+def test_following_error_is_not_mistaken_for_a_speed(guessed):
     """The error is proportional to the speed, but no unit fits the factor."""
     guess = guessed({"pos": ("position", 1.0), "lag": ("error", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is None
@@ -178,7 +178,7 @@ def test_too_few_rows_are_not_judged(motion):
 
 
 @pytest.mark.parametrize("kind", ["at first", "between"])
-def test_column_that_is_constant_where_it_is_compared_is_left_out(motion, kind):
+def test_column_that_is_constant_in_the_compared_part_is_left_out(motion, kind):
     columns = {name: np.tile(motion[name], 20) for name in ("position", "speed", "current")}
     rows = np.arange(len(columns["position"]))
     columns["stage"] = np.minimum(rows, 10.0) if kind == "at first" else rows % 5.0

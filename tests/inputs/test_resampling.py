@@ -33,13 +33,13 @@ def test_rate_is_the_nearest_common_one(rate_hz, true_hz):
     assert 1.0 / find_rate(regular(3000, 1e9 / true_hz)).period == rate_hz
 
 
-def test_rate_that_is_not_common_is_kept():
+def test_uncommon_rate_is_kept():
     # It differs from 1000 Hz by 0.3 %, and from any whole number of hertz by more than the stamps
     # could be wrong.
     assert find_rate(regular(3000, 1e9 / 7.37)).period == pytest.approx(1 / 7.37, rel=1e-6)
 
 
-def test_rate_is_found_through_losses_jitter_and_coarse_stamps():
+def test_rate_is_measured_despite_losses_jitter_and_coarse_stamps():
     rng = np.random.default_rng(0)
     stamps = regular(5000, 2.5e6)
     kept = stamps[np.sort(rng.choice(5000, 4700, replace=False))]
@@ -49,7 +49,7 @@ def test_rate_is_found_through_losses_jitter_and_coarse_stamps():
         assert 1.0 / find_rate(given).period == 400.0
 
 
-def test_regular_samples_stay_as_they_are_to_the_last_bit():
+def test_regular_samples_stay_bit_identical():
     values = np.random.default_rng(1).normal(size=2000)
     stamps = regular(2000)
     [run], losses, _ = resampled(stamps, values)
@@ -58,14 +58,14 @@ def test_regular_samples_stay_as_they_are_to_the_last_bit():
     assert (run.first_index, losses.lost) == (1, 0)
 
 
-def test_drift_of_the_clock_makes_no_gap():
+def test_clock_drift_makes_no_gap():
     # A drift of 70 parts per million is one sample in 14 s if the nominal period determined the
     # indices.
     [run], losses, _ = resampled(regular(60_000, 1e6 * (1 + 7e-5)))
     assert (len(run.values), losses.lost) == (60_000, 0)
 
 
-def test_jitter_is_interpolated_on_stamps():
+def test_jittered_samples_are_interpolated_at_their_stamps():
     rng = np.random.default_rng(2)
     stamps = regular(4000) + np.rint(rng.uniform(-2e5, 2e5, 4000)).astype(np.int64)
     seconds = (stamps - START_NS) * 1e-9
@@ -96,7 +96,7 @@ def test_losses_leave_a_gap_of_their_size(jitter_ns):
 
 @pytest.mark.parametrize("jitter_ns", [0.0, 1e5])
 @pytest.mark.parametrize("part", [3000, 7, 1])
-def test_short_losses_are_filled_but_not_over_a_reversal(jitter_ns, part):
+def test_short_losses_are_filled_but_not_across_a_reversal(jitter_ns, part):
     rng = np.random.default_rng(6)
     keep = np.ones(3000, bool)
     keep[510] = keep[999:1001] = keep[2300:2303] = keep[2500:2504] = False
@@ -120,7 +120,7 @@ def test_short_losses_are_filled_but_not_over_a_reversal(jitter_ns, part):
     assert [number for number in ends if number] == pytest.approx([2, 4], abs=bool(jitter_ns))
 
 
-def test_pause_is_not_filled_and_the_last_sample_is_not_lost():
+def test_pause_is_not_filled_and_the_last_sample_is_kept():
     stamps = regular(60, 2e8)
     stamps = np.concatenate(
         [stamps[:30], stamps[38:58], stamps[59:]]
@@ -142,14 +142,14 @@ def test_clock_that_goes_back_ends_a_run(jitter_ns):
     assert runs[1].first_index > runs[0].first_index + len(runs[0].values)
 
 
-def test_pause_is_no_loss():
+def test_pause_is_not_a_loss():
     stamps = regular(2000)
     stamps[1000:] += 5_000_000_000
     runs, losses, _ = resampled(stamps)
     assert (losses.lost, losses.pauses, len(runs)) == (0, 1, 2)
 
 
-def test_repeated_and_not_finite_samples_are_left_out_and_counted():
+def test_repeated_and_non_finite_samples_are_left_out_and_counted():
     stamps = np.sort(np.concatenate([regular(1000), regular(1000)[10:20]]))
     values = np.arange(1010.0)
     values[500:503] = np.nan
@@ -168,7 +168,7 @@ def delays(n: int, seed: int) -> np.ndarray:
     return np.rint(late).astype(np.int64)
 
 
-def test_stamps_are_rebuilt_from_arrival():
+def test_stamps_are_rebuilt_from_arrival_times():
     stamps = regular(10_000)
     clock = ArrivalClock(1e-3)
     rebuilt = np.concatenate([clock.push(stamps + delays(10_000, 5)), clock.flush()])
@@ -187,7 +187,7 @@ def rebuilt(arrivals: np.ndarray, parts: int, period: float = 1e-3) -> np.ndarra
     return np.concatenate([*stamps, clock.flush()])
 
 
-def test_losses_are_seen_in_arrival_and_queues_are_none():
+def test_losses_are_detected_in_arrival_times_and_queues_are_not_losses():
     keep = np.ones(10_000, bool)
     keep[3000] = keep[6000:6030] = False
     arrivals = (regular(10_000) + delays(10_000, 6))[keep]
@@ -197,7 +197,7 @@ def test_losses_are_seen_in_arrival_and_queues_are_none():
 
 @pytest.mark.parametrize("rate_hz", [100, 1000])
 @pytest.mark.parametrize("seed", [0, 3, 5])
-def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate_hz, seed):
+def test_samples_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate_hz, seed):
     rng = np.random.default_rng(seed)
     times = np.arange(20 * rate_hz) / rate_hz
     arrivals = times + rng.exponential(1e-4, len(times))
@@ -223,13 +223,13 @@ def test_loss_soon_after_a_long_stall_is_counted(lost):
     assert (losses.lost, losses.gaps) == (lost, 1)
 
 
-def test_stamps_do_not_depend_on_how_messages_come_in_parts():
+def test_stamps_do_not_depend_on_the_parts_in_which_messages_arrive():
     arrivals = regular(5000) + delays(5000, 7)
     at_once, gradually = rebuilt(arrivals, 1), rebuilt(arrivals, 5000)
     # Different later samples are known, but the fitted line is the same.
     assert np.std((at_once - gradually)[1000:]) < 1e4
 
 
-def test_stamps_that_never_grow_are_refused():
+def test_stamps_that_never_increase_are_refused():
     with pytest.raises(ValueError, match="expected increasing stamps"):
         find_rate(np.full(10, START_NS))

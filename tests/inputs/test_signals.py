@@ -22,7 +22,7 @@ def imported(mapping, columns, stamps, rate_hz):
 
 
 @pytest.mark.parametrize("held", [2, 3, 5, 15])
-def test_values_that_repeat_are_separated_from_those_of_a_coarse_encoder(held):
+def test_repeated_values_are_distinguished_from_a_coarse_encoder(held):
     columns, _ = moves(20.0, 1000.0)
     position = columns["position"]
     assert held_samples(np.repeat(position[::held], held)) == held
@@ -31,7 +31,7 @@ def test_values_that_repeat_are_separated_from_those_of_a_coarse_encoder(held):
     assert held_samples(position) == 1
 
 
-def test_publisher_with_a_clock_of_its_own_repeats_values_a_sample_more_or_less():
+def test_publisher_with_a_separate_clock_repeats_values_a_varying_number_of_times():
     columns, _ = moves(20.0, 1000.0)
     phase = np.floor(np.arange(20_000) * 0.2013).astype(int)
     assert held_samples(columns["current"][phase]) == 5
@@ -74,7 +74,9 @@ def wrapped(values, period, lowest):
     ],
 )
 @pytest.mark.parametrize("block", [7, 10_000])
-def test_angle_is_continued_over_the_wraps_of_its_register(mapped, source, period, lowest, block):
+def test_angle_is_unwrapped_across_the_limits_of_its_register(
+    mapped, source, period, lowest, block
+):
     """Two and a half turns in each direction, in blocks and as a whole."""
     angle = 2.5 * period * np.sin(np.linspace(0.0, 9.0, 4000))
     if period > 1000.0:
@@ -92,7 +94,7 @@ def test_angle_is_continued_over_the_wraps_of_its_register(mapped, source, perio
     assert unwrapper.wraps == {"position": jumps}
 
 
-def test_command_that_has_wrapped_first_begins_in_the_turn_of_the_position(mapped):
+def test_command_that_wraps_first_begins_in_the_turn_of_the_position(mapped):
     position = np.linspace(3.0, 3.5, 200)
     command = position + 0.2
     ahead = {"position": position, "command": wrapped(command, 2.0 * np.pi, -np.pi)}
@@ -101,14 +103,14 @@ def test_command_that_has_wrapped_first_begins_in_the_turn_of_the_position(mappe
     np.testing.assert_allclose(got["command"] - got["position"], 0.2, atol=1e-12)
 
 
-def test_motor_that_turns_fast_between_two_samples_does_not_wrap(mapped):
+def test_fast_turn_between_two_samples_is_not_mistaken_for_a_wrap(mapped):
     angle = np.cumsum(np.full(500, 0.9 * 2.0 * np.pi))
     unwrapper = Unwrapper(mapped(command=None))
     np.testing.assert_array_equal(unwrapper.push({"position": angle})["position"], angle)
     assert unwrapper.wraps == {}
 
 
-def test_wraps_are_counted_in_the_import(mapped):
+def test_wraps_are_counted_by_the_import(mapped):
     columns, stamps = moves(travel=2.0)
     true = columns["position"].copy()
     for name in ("position", "command"):
@@ -156,7 +158,7 @@ def test_messages_of_zeros_are_bridged_and_counted(mapped, block):
 @pytest.mark.parametrize(
     ("name", "value"), [("current", 9.9e37), ("speed", -9.9e37), ("position", 40.0)]
 )
-def test_single_sample_beyond_what_an_actuator_can_is_a_note(mapped, name, value):
+def test_single_impossible_sample_is_a_note(mapped, name, value):
     columns, stamps = moves()
     true = columns[name].copy()
     columns[name][1500] = value
@@ -196,7 +198,7 @@ GLITCHES = [
 @pytest.mark.parametrize(("name", "value"), GLITCHES)
 @pytest.mark.parametrize("length", [1, 3])
 @pytest.mark.parametrize("block", [1, 2, 7, 2000])
-def test_sample_that_no_motor_of_the_description_gives_is_bridged(
+def test_sample_impossible_for_the_described_motor_is_bridged(
     mapped, telemetry, columns, name, value, length, block
 ):
     """The drive is modelled; samples come in blocks, as from the bridge, and as a whole."""
@@ -231,7 +233,7 @@ def test_healthy_test_cycle_has_no_impossible_sample(mapped, telemetry, columns,
     assert target.count == 0
 
 
-def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
+def test_lasting_jump_is_not_a_single_sample(mapped, telemetry, columns):
     columns["position"] = np.where(np.arange(len(telemetry)) > 900, 0.5, 0.0) + columns["position"]
     for block in (1, 2, 2000):
         target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
@@ -239,15 +241,15 @@ def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
         assert target.count == 0
 
 
-def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
+def test_glitch_of_one_turn_is_bridged_for_a_joint_with_a_wide_range(mapped):
     """The range of the joint is wider than the glitch."""
     position = 20.0 * np.sin(np.linspace(0.0, 12.0, 4000))
     spoiled = position.copy()
     spoiled[[700, 2100]] += 2.0 * np.pi
     target = ImpossibleSamples(mapped(command=None))
-    found = pushed(target, {"position": spoiled}, len(spoiled))["position"]
+    repaired = pushed(target, {"position": spoiled}, len(spoiled))["position"]
     assert target.count == 2
-    assert np.max(np.abs(found - position)) < 0.01
+    assert np.max(np.abs(repaired - position)) < 0.01
 
 
 def test_limits_are_in_the_units_of_the_sources(mapped):
@@ -273,7 +275,7 @@ def test_limits_are_in_the_units_of_the_sources(mapped):
 @pytest.mark.parametrize(
     "names", [("position", "speed", "current"), ("position",), ("speed",), ("current",)]
 )
-def test_repeated_values_of_a_modelled_drive_question_neither_gears_nor_scales(
+def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scales(
     mapped, telemetry, columns, names, held
 ):
     """If all columns repeat values, they are resampled; single repeating columns are refused."""

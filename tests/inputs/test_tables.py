@@ -35,7 +35,7 @@ def rows(separator, decimal="."):
     ("separator", "decimal"),
     [(",", "."), (";", "."), (";", ","), ("\t", ","), ("\t", "."), (" ", "."), ("|", ".")],
 )
-def test_separator_and_decimal_sign_are_found(tmp_path, separator, decimal):
+def test_separator_and_decimal_sign_are_detected(tmp_path, separator, decimal):
     head = separator.join(["t", "pos", "cur"])
     path = written(tmp_path / "a.csv", f"{head}\n{rows(separator, decimal)}")
     found = read_columns(path)
@@ -44,7 +44,7 @@ def test_separator_and_decimal_sign_are_found(tmp_path, separator, decimal):
     assert found.format == Table(separator, decimal)
 
 
-def test_units_stand_in_names_or_in_a_line_of_their_own(tmp_path):
+def test_units_are_in_names_or_in_a_separate_line(tmp_path):
     path = written(tmp_path / "a.csv", f"t [ms];pos (deg);cur\n{rows(';')}")
     assert read_columns(path).units == {"t [ms]": "ms", "pos (deg)": "deg"}
     path = written(tmp_path / "b.csv", f"t;pos;cur\n[ms];[deg];[A]\n{rows(';')}")
@@ -53,7 +53,7 @@ def test_units_stand_in_names_or_in_a_line_of_their_own(tmp_path):
     assert len(found) == 3
 
 
-def test_preamble_and_comments_are_passed_over(tmp_path):
+def test_preamble_and_comments_are_skipped(tmp_path):
     text = f"Recorder 4.2\nserial 0815\n\n# t, pos, cur\n{rows(',')}"
     assert list(read_columns(written(tmp_path / "a.csv", text)).values) == ["t", "pos", "cur"]
 
@@ -64,7 +64,7 @@ def test_encodings_of_spreadsheets_are_read(tmp_path, encoding):
     assert read_columns(path).units["Öl [°]"] == "°"
 
 
-def test_empty_cells_are_no_numbers_and_texts_no_columns(tmp_path):
+def test_empty_cells_become_nan_and_texts_are_no_columns(tmp_path):
     path = written(tmp_path / "a.csv", "t;pos;state\n0;1,5;on\n1;;on\n2;3,5;no\n3;x;no\n4;5,5;no\n")
     found = read_columns(path)
     assert list(found.texts["state"]) == ["on", "on", "no", "no", "no"]
@@ -76,18 +76,18 @@ def test_empty_cells_are_no_numbers_and_texts_no_columns(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "hello\nworld\n", "\0\1\2\3"])
-def test_what_is_no_table_is_refused(tmp_path, text):
+def test_file_that_is_not_a_table_is_refused(tmp_path, text):
     with pytest.raises(ValueError, match=r"a\.csv is (not a t|empty)"):
         read_columns(written(tmp_path / "a.csv", text))
 
 
-def test_stamps_are_exact_in_integers_and_in_the_last_digits_of_seconds():
+def test_stamps_are_exact_for_integers_and_for_the_last_digits_of_seconds():
     assert stamps_of(np.array([1_700_000_000_123_456_789]), 1)[0] == 1_700_000_000_123_456_789
     seconds = stamps_of(np.array([1_700_000_000.5, np.nan, 0.0001]), 1_000_000_000)
     assert list(seconds) == [1_700_000_000_500_000_000, NO_STAMP, 100_000]
 
 
-def test_dates_are_stamps(tmp_path):
+def test_dates_are_read_as_stamps(tmp_path):
     text = "when,p,c\n2026-01-01T00:00:00.001Z,0,0\n2026-01-01T00:00:00.002Z,1,1\n"
     found = read_columns(written(tmp_path / "a.csv", text))
     mapping = mapping_from({"position": "p", "command": "c", "clock": "when"})
@@ -95,7 +95,7 @@ def test_dates_are_stamps(tmp_path):
     assert found.dates == ("when",)
 
 
-def test_missing_times_are_rebuilt_by_the_rows_around(tmp_path):
+def test_missing_times_are_rebuilt_from_neighbouring_rows(tmp_path):
     times = ["0", "1", "", "3", "", "", "6"]
     text = "t,p,c\n" + "".join(f"{t},{i},0\n" for i, t in enumerate(times))
     mapping = mapping_from(
@@ -106,7 +106,7 @@ def test_missing_times_are_rebuilt_by_the_rows_around(tmp_path):
     assert np.count_nonzero(series.stamps_ns == NO_STAMP) == 3
 
 
-def test_rows_without_a_time_have_that_of_the_rate(tmp_path):
+def test_rows_without_a_time_get_times_from_the_rate(tmp_path):
     mapping = mapping_from({"position": "p", "command": "c", "clock": {"rate_hz": 400}})
     text = "p,c\n0,0\n1,1\n2,2\n"
     series = table_series(read_columns(written(tmp_path / "a.csv", text)), mapping)
@@ -127,7 +127,7 @@ def test_parquet_gives_the_same_columns(tmp_path):
         read_columns(tmp_path / "b.parquet")
 
 
-def test_table_whose_comments_hold_all_numbers_is_refused(tmp_path):
+def test_table_with_all_numbers_in_comments_is_refused(tmp_path):
     path = written(tmp_path / "a.csv", "# 1,2\n# 3,4\n# 5,6\n")
     with pytest.raises(ValueError, match=r"none of the first 3 lines is a row of numbers"):
         read_columns(path)
@@ -257,7 +257,7 @@ def test_mapping_is_guessed(guessed, columns, sections, clock):
 
 
 @pytest.mark.parametrize("name", ["current_mA", "i_mA", "Current mA", "current_A", "Current [A]"])
-def test_unit_in_the_name_of_a_current_is_found(guessed, name):
+def test_unit_in_the_name_of_a_current_is_recognised(guessed, name):
     factor = 1000.0 if "mA" in name else 1.0
     found = guessed(**{"t": ("t", 1), "pos": ("p", 1), "cmd": ("c", 1), name: ("i", factor)})
     assert found.mapping.current.unit == ("mA" if "mA" in name else "A")
@@ -270,7 +270,7 @@ def test_torque_at_the_joint_is_recognised_by_its_size(guessed):
     assert found.mapping.current.kind == "joint_torque"
 
 
-def test_what_is_a_guess_is_stated(guessed):
+def test_guesses_are_reported(guessed):
     remarks = remarks_of(guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), cur=("i", 1.0)))
     words = "\n".join(remarks)
     assert "current.unit is a guess" in words
@@ -278,7 +278,7 @@ def test_what_is_a_guess_is_stated(guessed):
     assert "no column was recognized as speed" in words
 
 
-def test_effort_that_never_changes_is_taken_as_not_measured(guessed):
+def test_effort_that_never_changes_counts_as_not_measured(guessed):
     found = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), effort=("i", 0.0))
     assert found.mapping.current is None
     assert any("current never changes" in item for item in remarks_of(found))
@@ -309,7 +309,9 @@ def test_columns_of_two_joints_are_not_mixed(guessed):
         (lambda t: t.sample(frac=1.0, random_state=1).to_numpy(), "decreases"),
     ],
 )
-def test_no_rate_is_invented_where_a_column_looks_like_the_time(telemetry, tmp_path, change, words):
+def test_unreadable_time_column_is_refused_unless_a_rate_is_given(
+    telemetry, tmp_path, change, words
+):
     frame = pd.DataFrame(
         {
             "time [s]": change(pd.Series(telemetry.stamps_ns * 1e-9)),
@@ -364,7 +366,7 @@ def test_time_since_the_start_is_read_in_seconds(telemetry, tmp_path):
     np.testing.assert_allclose(found.values["elapsed"], 1e-9 * telemetry.stamps_ns, rtol=1e-12)
 
 
-def test_two_levels_of_headings_are_one_name(tmp_path):
+def test_two_levels_of_headings_form_one_name(tmp_path):
     first = pd.DataFrame(
         [[0.0, 1.0, 2.0]] * 3,
         columns=pd.MultiIndex.from_tuples([("drive", "t [ms]"), ("drive", "a"), ("drive", "b")]),
@@ -380,7 +382,7 @@ def test_two_levels_of_headings_are_one_name(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_rows_with_the_newest_first_are_reversed(telemetry, tmp_path, kind):
+def test_rows_from_newest_to_oldest_are_reversed(telemetry, tmp_path, kind):
     stamps, frame = frame_of(telemetry)
     frame.insert(0, "Time", stamps.strftime("%Y-%m-%dT%H:%M:%S.%f"))
     path = tmp_path / f"a.{kind}"
@@ -436,7 +438,9 @@ PLAIN = "t,n,x\n0.1,3,1e-3\n0.2,4,-0.25\n0.3,5,nan\n"
         ("t,x\n1642118400.0,0.1\n1642118400.01,0.2\n", True),
     ],
 )
-def test_columns_without_pandas_are_those_of_pandas(tmp_path, monkeypatch, text, is_plain):
+def test_table_without_pandas_equals_the_table_read_by_pandas(
+    tmp_path, monkeypatch, text, is_plain
+):
     path, plain = written(tmp_path / "a.csv", text), []
     read = csv_file.read_plain_csv
     monkeypatch.setattr(
@@ -475,7 +479,9 @@ def test_every_digit_of_a_plain_table_is_read_as_by_pandas(tmp_path):
 
 @pytest.mark.parametrize("missing", [False, True])
 @pytest.mark.parametrize("index", [None, "step"])
-def test_parquet_without_pandas_is_as_by_pandas(tmp_path, monkeypatch, missing, index):
+def test_parquet_without_pandas_equals_parquet_read_by_pandas(
+    tmp_path, monkeypatch, missing, index
+):
     frame = pd.DataFrame(
         {"t": [0.1, 0.2, 0.3], "n": [1, 2, 3], "f": np.array([1.5, 2.5, 3.1], dtype=np.float32)}
     )
@@ -503,7 +509,7 @@ def test_separators_at_the_end_of_lines_make_no_columns(tmp_path, separator, in_
     assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
 
 
-def test_lines_about_the_file_above_the_heading_are_no_data(tmp_path):
+def test_lines_above_the_heading_are_not_data(tmp_path):
     about = "Logger;Version 3.1\nSerial;4711\nOperator;Ada;;\n\n"
     text = about + "t;pos;cur\n" + rows(";")
     found = read_columns(written(tmp_path / "a.csv", text))
@@ -519,7 +525,7 @@ def test_column_that_is_empty_at_first_keeps_its_name(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
-def test_tables_of_two_bytes_a_character_are_read(tmp_path, encoding):
+def test_tables_in_utf_16_are_read(tmp_path, encoding):
     text = "t,pos,cur\n" + rows(",")
     mark = "" if encoding == "utf-16" else "\ufeff"
     (tmp_path / "a.csv").write_bytes((mark + text).encode(encoding))
@@ -527,14 +533,14 @@ def test_tables_of_two_bytes_a_character_are_read(tmp_path, encoding):
     assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
 
 
-def test_cell_too_many_is_named_with_its_line(tmp_path):
+def test_surplus_cell_is_named_with_its_line(tmp_path):
     lines = ["t,pos,cur", *["1,2,3"] * 500, "1,2,3,4", *["1,2,3"] * 10, ""]
     path = written(tmp_path / "a.csv", "\n".join(lines))
     with pytest.raises(ValueError, match=r"line 502 has 4 cells, expected 3 .* or quote the cell"):
         read_columns(path)
 
 
-def test_table_without_numbers_shows_what_was_expected(tmp_path):
+def test_table_without_numbers_shows_the_expected_format(tmp_path):
     text = "t,pos\n" + "".join(f"{i}%,{i}%\n" for i in range(20))
     with pytest.raises(ValueError, match=r"cells such as\s+1.5, .* found '19%,19%'|is not a table"):
         read_columns(written(tmp_path / "a.csv", text))

@@ -37,7 +37,7 @@ def warming(n=2400):
 @pytest.mark.parametrize(
     ("unit", "factor", "addition"), [("degC", 1.0, 0.0), ("K", 1.0, 273.15), ("degF", 1.8, 32.0)]
 )
-def test_temperature_in_any_unit_is_a_rise_over_20_degrees_once_a_second(
+def test_temperature_in_any_unit_is_a_rise_over_20_celsius_once_per_second(
     mapped, unit, factor, addition
 ):
     found = imported(mapped, series(warming(), factor, addition), unit=unit)
@@ -55,7 +55,7 @@ def test_temperature_has_a_scale_and_an_offset(mapped):
     assert found.rises[0].rise == pytest.approx(8.0)
 
 
-def test_telemetry_is_the_same_next_to_a_temperature(mapped):
+def test_telemetry_does_not_depend_on_a_temperature(mapped):
     of = series(warming())
     found, plain = imported(mapped, of), import_series({"": of}, mapped(), joint(RATE_HZ))
     assert len(found.runs) == len(plain.runs) == 1
@@ -73,14 +73,14 @@ def test_sensor_that_is_read_every_few_seconds_loses_no_sample(mapped):
     assert len(stamps) == 2400
 
 
-def test_sensor_that_was_first_read_long_after_the_start_states_nothing_of_it(mapped):
+def test_sensor_that_starts_late_has_no_values_before_its_first_reading(mapped):
     celsius = np.full(2400, np.nan)
     celsius[2300] = 25.0
     found = imported(mapped, series(celsius))
     assert [one.stamp_ns for one in found.rises] == [found.runs[0].stamps_ns[2300]]
 
 
-def test_kelvin_read_as_degrees_is_an_error_that_names_the_unit(mapped):
+def test_kelvin_read_as_celsius_is_an_error_that_names_the_unit(mapped):
     found = imported(mapped, series(warming(), 1.0, 273.15))
     [defect] = refused(found.defects, found.mapping)
     assert defect.name == "temperature_range"
@@ -132,7 +132,7 @@ def driven(bridge, send=None, **fields):
     return blocks, rises, late
 
 
-def test_bridge_takes_the_temperature_of_the_same_message():
+def test_bridge_reads_the_temperature_of_the_same_message():
     bridge = bridge_of({"topic": STATES, "source": "motor_temperature"})
     _, rises, late = driven(bridge, motor_temperature=33.0)
     assert [one.rise for one in rises] == [13.0] * len(rises)

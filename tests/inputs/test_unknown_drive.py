@@ -25,12 +25,12 @@ def found(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
     return find_defects(columns, stamps, mapping, joint(rate_hz))
 
 
-def test_nothing_is_wrong_with_a_joint_that_lags(mapped):
+def test_lagging_joint_has_no_defect(mapped):
     assert found(mapped(), {}) == []
 
 
 @pytest.mark.parametrize("factor", [0.6, 0.9, 0.956, 1.05, 1.6])
-def test_speed_that_is_not_quite_the_derivative_is_a_note_that_blocks_nothing(mapped, factor):
+def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, factor):
     [defect] = found(mapped(), {"speed": factor})
     assert (defect.name, defect.is_error) == ("speed_ratio", False)
     assert f"the speed is {factor:.3g} times the derivative of the position over" in defect.text
@@ -62,7 +62,7 @@ def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
         ({"current": -1}, "current_sign_reversed", "current: {sign: -1}"),
     ],
 )
-def test_factor_near_a_unit_is_an_error_and_certain_after_some_strokes(
+def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
     mapped, changes, name, remedy
 ):
     [defect] = found(mapped(), changes)
@@ -78,7 +78,7 @@ def test_factor_near_a_unit_is_an_error_and_certain_after_some_strokes(
         (-TAU, {"speed_shaft", "speed_sign_reversed"}),
     ],
 )
-def test_product_of_two_units_is_named_by_both(mapped, factor, names):
+def test_product_of_two_units_is_named_with_both(mapped, factor, names):
     defects = found(mapped(), {"speed": factor})
     assert {item.name for item in defects} == names
     assert all(item.is_error for item in defects)
@@ -91,7 +91,7 @@ def test_unit_of_one_stroke_is_an_error_that_does_not_withhold_yet(mapped):
     assert withholding(defects, mapping) == []
 
 
-def test_current_of_a_load_that_gravity_moves_is_not_mistaken_for_reversed(mapped):
+def test_current_that_holds_a_load_against_gravity_is_not_mistaken_for_reversed(mapped):
     """The torque that holds a heavy load has the opposite sign half of the time."""
     columns, stamps = moves()
     columns["current"] += -6.0 * np.sin(columns["position"] + 0.4)
@@ -118,7 +118,7 @@ def test_rate_that_differs_by_a_few_per_cent_is_a_note(mapped):
 
 
 @pytest.mark.parametrize("lag", [0, 2])
-def test_position_that_is_the_command_is_named(mapped, lag):
+def test_position_that_equals_the_command_is_named(mapped, lag):
     columns, stamps = moves()
     columns["position"] = np.concatenate([columns["command"][:1]] * lag + [columns["command"]])
     columns["position"] = columns["position"][: len(stamps)]
@@ -127,14 +127,14 @@ def test_position_that_is_the_command_is_named(mapped, lag):
     assert "a setpoint, not a measurement" in defect.text
 
 
-def test_speed_that_is_that_of_the_command_is_named(mapped):
+def test_speed_of_the_command_is_named(mapped):
     columns, stamps = moves()
     columns["speed"] = np.gradient(columns["command"], 5e-3) / TAU
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert defect.name == "speed_commanded"
 
 
-def test_current_that_a_controller_commands_is_named(mapped):
+def test_commanded_current_is_named(mapped):
     columns, stamps = moves()
     error = columns["command"] - columns["position"]
     columns["current"] = 12.0 * error - 0.1 * columns["speed"] * TAU + 0.3
@@ -143,7 +143,7 @@ def test_current_that_a_controller_commands_is_named(mapped):
     assert "the current follows position error and speed exactly" in defect.text
 
 
-def test_sensor_that_holds_its_value_is_named_with_its_rate(mapped):
+def test_sensor_that_repeats_its_value_is_named_with_its_rate(mapped):
     columns, stamps = moves()
     columns["current"] = np.repeat(columns["current"][::15], 15)[: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
@@ -192,7 +192,7 @@ def test_position_that_is_homed_at_rest_is_an_error_once_motion_follows(mapped):
 
 @pytest.mark.parametrize("rate_hz", [50.0, 250.0, 1000.0])
 @pytest.mark.parametrize("count", [1e-12, 1e-5, 1e-4])
-def test_motion_that_begins_after_a_long_rest_is_no_jump(mapped, rate_hz, count):
+def test_motion_after_a_long_rest_is_not_a_jump(mapped, rate_hz, count):
     """Live telemetry is judged at every stage of the rest and of the first motion."""
     rest = round(10.0 * rate_hz)
     times = np.arange(1, round(0.5 * rate_hz) + 1) / rate_hz
@@ -211,7 +211,7 @@ def test_motion_that_begins_after_a_long_rest_is_no_jump(mapped, rate_hz, count)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
-def test_few_quick_moves_in_a_long_record_are_no_jumps(mapped, noise):
+def test_few_quick_moves_in_a_long_record_are_not_jumps(mapped, noise):
     """The record lasts 10 min at 50 Hz, with a move of 0.3 s every 100 s."""
     ramp = (1.0 - np.cos(np.pi * np.arange(1, 16) / 15)) / 2.0
     rest = np.zeros(5000)
@@ -288,7 +288,7 @@ def test_effort_of_an_unknown_drive_may_be_a_current_a_torque_or_a_force(mapped,
     np.testing.assert_allclose(converted["current"], factor * columns["current"], rtol=1e-12)
 
 
-def test_unknown_drive_along_a_line_needs_no_lead(mapped):
+def test_unknown_linear_drive_needs_no_lead(mapped):
     columns, stamps = moves()
     mapping = mapped(
         command=None,
@@ -307,7 +307,7 @@ def test_unknown_drive_along_a_line_needs_no_lead(mapped):
     np.testing.assert_allclose(effort / way, columns["current"], rtol=1e-9)
 
 
-def test_lead_of_the_mapping_is_that_of_the_unknown_drive(mapped):
+def test_lead_in_the_mapping_applies_to_an_unknown_drive(mapped):
     columns, stamps = moves()
     mapping = mapped(
         command=None,
@@ -328,7 +328,7 @@ def test_force_of_a_screw_becomes_the_torque_of_its_motor(mapped):
     np.testing.assert_allclose(force * 0.05, torque, rtol=1e-12)
 
 
-def test_modelled_drive_takes_no_torque_for_its_current(mapped):
+def test_modelled_drive_refuses_a_torque_as_its_current(mapped):
     columns, _ = moves()
     mapping = mapped(current={"source": "i", "unit": "N.m"})
     with pytest.raises(ValueError, match=r"unit = N\.m with kind = equivalent and drive = six_st"):
@@ -346,5 +346,5 @@ def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
     assert "or omit command" in long.remedy
 
 
-def test_start_of_the_motion_is_that_of_the_stamps():
+def test_motion_starts_at_its_first_stamp():
     assert moves()[1][0] == START_NS + 5_000_000

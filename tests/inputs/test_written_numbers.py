@@ -37,13 +37,13 @@ def grouped(value, mark):
         ("\xa0", ","),
     ],
 )
-def test_thousands_are_read(tmp_path, mark, decimal):
+def test_thousands_separators_are_read(tmp_path, mark, decimal):
     cells = [grouped(value, mark) for value in [*SPEEDS, 1234567.0]]
     found = read_columns(table(tmp_path, cells, decimal))
     assert list(found.column("speed")) == [*SPEEDS, 1234567.0]
 
 
-def test_thousands_in_quotes_are_read_in_a_table_with_commas(tmp_path):
+def test_quoted_thousands_are_read_in_a_table_with_commas(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text('t,pos,speed\n0,0.125,"1,885"\n1,0.25,885\n2,0.5,"-2,113.5"\n')
     assert list(read_columns(path).column("speed")) == [1885.0, 885.0, -2113.5]
@@ -67,7 +67,7 @@ def test_accountants_minus_signs_are_read(tmp_path):
     assert list(found.column("speed")) == [-12.5, -12.5, -12.5, 12.5, -1885.5]
 
 
-def test_column_of_another_country_is_read_if_its_cells_leave_no_doubt(tmp_path):
+def test_column_with_foreign_decimal_signs_is_read_if_its_cells_leave_no_doubt(tmp_path):
     found = read_columns(table(tmp_path, ["12.34", "1.885", "0.5"], ","))
     assert list(found.column("speed")) == [12.34, 1.885, 0.5]
     found = read_columns(table(tmp_path, ["12,34", "1,885", "0,5"], "."))
@@ -84,7 +84,9 @@ def test_column_of_another_country_is_read_if_its_cells_leave_no_doubt(tmp_path)
         (["1.885", "885", "4500"], ",", "row 1: '1.885' has '.' as thousands separator, but row 3"),
     ],
 )
-def test_cell_that_is_no_number_is_refused_when_its_column_is_used(tmp_path, cells, decimal, words):
+def test_cell_that_is_not_a_number_is_refused_when_its_column_is_used(
+    tmp_path, cells, decimal, words
+):
     found = read_columns(table(tmp_path, cells, decimal))
     assert len(found.column("pos")) == len(cells)
     with pytest.raises(ValueError, match=rf"column 'speed', {words}"):
@@ -94,7 +96,7 @@ def test_cell_that_is_no_number_is_refused_when_its_column_is_used(tmp_path, cel
 
 
 @pytest.mark.parametrize("mark", ",.")
-def test_thousands_are_refused_where_nothing_shows_the_decimal_sign(tmp_path, mark):
+def test_thousands_are_refused_if_nothing_shows_the_decimal_sign(tmp_path, mark):
     path = table(tmp_path, [grouped(value, mark) for value in SPEEDS], more=False)
     with pytest.raises(
         ValueError, match=rf"'speed', row 2: '1\{mark}885' may contain a thousands separator or"
@@ -105,7 +107,7 @@ def test_thousands_are_refused_where_nothing_shows_the_decimal_sign(tmp_path, ma
     assert read_columns(path, Table(decimal=mark)).column("speed")[1] == 1.885
 
 
-def test_mark_of_thousands_that_is_a_decimal_sign_elsewhere_is_refused(tmp_path):
+def test_thousands_separator_that_may_be_a_decimal_sign_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("a;b;c;speed\n0,5;0,5;12.34;1.885\n0,5;0,25;0.5;885\n0,5;0,1;7.5;12\n")
     with pytest.raises(
@@ -114,7 +116,7 @@ def test_mark_of_thousands_that_is_a_decimal_sign_elsewhere_is_refused(tmp_path)
         read_columns(path).column("speed")
 
 
-def test_words_among_numbers_are_no_numbers(tmp_path):
+def test_words_among_numbers_become_nan(tmp_path):
     cells = ["1.5", "ERR", "-", "", "n/a", "--", "2.5", "3.5", "overflow", "4.5", "5", "6", "7"]
     found = read_columns(table(tmp_path, cells)).column("speed")
     assert np.count_nonzero(np.isnan(found)) == 6

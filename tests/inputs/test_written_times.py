@@ -110,7 +110,7 @@ def test_dates_of_other_countries_and_programs_are_read(telemetry, tmp_path, sty
 @pytest.mark.parametrize(
     ("date", "time"), [("%d.%m.%Y", "%H:%M:%S"), ("%m/%d/%Y", "%I:%M:%S"), ("%Y-%m-%d", "%H:%M:%S")]
 )
-def test_date_and_time_in_columns_of_their_own_are_added(telemetry, tmp_path, date, time):
+def test_date_and_time_in_separate_columns_are_added(telemetry, tmp_path, date, time):
     moments, frame = frame_of(telemetry)
     half = " AM" if "%I" in time else ""
     frame.insert(0, "Datum", texts(moments, date))
@@ -122,7 +122,7 @@ def test_date_and_time_in_columns_of_their_own_are_added(telemetry, tmp_path, da
 
 
 @pytest.mark.parametrize("name", NUMBERS)
-def test_units_and_epochs_of_numbers_are_read(telemetry, tmp_path, name):
+def test_units_and_epochs_of_numbers_are_recognised(telemetry, tmp_path, name):
     moments, frame = frame_of(telemetry)
     size, epoch = NUMBERS[name]
     since = (moments - pd.Timestamp("1970-01-01")).total_seconds().to_numpy()
@@ -144,7 +144,7 @@ def test_units_and_epochs_of_numbers_are_read(telemetry, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", [None, "seconds", "index"])
-def test_index_of_numbers_of_a_parquet_frame_is_its_time(telemetry, tmp_path, name):
+def test_numeric_index_of_a_parquet_frame_is_its_time(telemetry, tmp_path, name):
     moments, frame = frame_of(telemetry)
     frame.index = pd.Index((moments - DAY).total_seconds(), name=name)
     frame.to_parquet(tmp_path / "a.parquet")
@@ -166,7 +166,7 @@ def test_minutes_and_seconds_are_read(tmp_path):
     assert list(read_columns(path).stamps(Clock("time"))) == [3_599_500_000_000, 3_660_250_000_000]
 
 
-def test_date_whose_day_and_month_no_row_shows_is_refused_until_it_is_given(telemetry, tmp_path):
+def test_date_with_ambiguous_day_and_month_is_refused_until_its_order_is_given(telemetry, tmp_path):
     moments, frame = frame_of(telemetry)
     frame.insert(0, "Date", milliseconds(moments - pd.Timedelta(days=18), "%d/%m/%Y %H:%M:%S"))
     path = tmp_path / "a.csv"
@@ -198,7 +198,7 @@ def test_date_whose_day_and_month_no_row_shows_is_refused_until_it_is_given(tele
         ("Date", lambda n: ["05.01.2026"] * n, "never changes"),
     ],
 )
-def test_no_rate_is_invented_while_a_column_looks_like_the_time(
+def test_unreadable_time_column_is_refused_instead_of_assuming_a_rate(
     telemetry, tmp_path, name, cells, words
 ):
     _, frame = frame_of(telemetry)
@@ -208,7 +208,7 @@ def test_no_rate_is_invented_while_a_column_looks_like_the_time(
         open_input(tmp_path / "a.csv").guess(described(1000))
 
 
-def test_number_of_a_row_is_no_time(telemetry, tmp_path):
+def test_row_number_is_not_a_time(telemetry, tmp_path):
     _, frame = frame_of(telemetry)
     frame.insert(0, "number", np.arange(len(frame)))
     frame.to_csv(tmp_path / "a.csv", index=False)
@@ -216,7 +216,7 @@ def test_number_of_a_row_is_no_time(telemetry, tmp_path):
     assert guess.mapping.clock == Clock(rate_hz=1000.0)
 
 
-def test_temperature_named_t_is_no_time(telemetry, tmp_path):
+def test_temperature_named_t_is_not_a_time(telemetry, tmp_path):
     moments, frame = frame_of(telemetry)
     frame.insert(0, "T [degC]", 20.0)
     frame.insert(1, "stamp", milliseconds(moments, "%d.%m.%Y %H:%M:%S"))
@@ -230,7 +230,7 @@ def moving(times, **more):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.004])
-def test_date_written_as_a_number_is_refused_with_the_way_to_write_it(tmp_path, fraction):
+def test_date_written_as_a_number_is_refused_with_the_expected_form(tmp_path, fraction):
     times = 20260330080000 + np.arange(50) // 5 + fraction
     moving(times).to_csv(tmp_path / "a.csv", index=False, float_format="%.17g")
     with pytest.raises(ValueError, match=r"column 'Time': 20260330080000.* date written as a num"):
@@ -244,7 +244,7 @@ def test_minutes_and_hours_without_a_unit_are_not_mistaken_for_seconds(tmp_path,
         open_input(tmp_path / "a.csv").guess(described(1000))
 
 
-def test_julian_days_ask_for_their_unit(tmp_path):
+def test_julian_days_require_their_unit(tmp_path):
     moving(61000.25 + 0.005 / 86400 * np.arange(500)).rename(columns={"Time": "MJD"}).to_csv(
         tmp_path / "a.csv", index=False, float_format="%.12f"
     )

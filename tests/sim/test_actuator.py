@@ -32,7 +32,7 @@ def test_faults_take_effect_with_the_next_sample():
     assert second.speed[0] != x.speed[200]
 
 
-def test_impossible_faults_leave_the_actuator_as_it_was():
+def test_impossible_faults_leave_the_actuator_unchanged():
     actuator, untouched = SimulatedActuator(), SimulatedActuator()
     with pytest.raises(ValueError, match="friction"):
         actuator.faults = [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5]
@@ -59,12 +59,12 @@ def test_approach_leaves_the_gear_on_one_flank(k):
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-4, 1.5e-6, 5e-7, 1.0, math.nan, math.inf])
-def test_period_must_be_whole_steps(period):
+def test_sample_period_must_be_a_whole_number_of_steps(period):
     with pytest.raises(ValueError, match="sample_period"):
         SimulatedActuator(sample_period=period)
 
 
-def test_hold_must_divide_the_sample():
+def test_noise_hold_must_divide_the_sample_period():
     with pytest.raises(ValueError, match=r"noise_hold_s = 3e-05 s does not divide"):
         SimulatedActuator(sample_period=1e-4, noise_hold_s=3e-5)
 
@@ -80,7 +80,7 @@ def test_hold_must_divide_the_sample():
         ([0.0, 1.0], [0.0, 1.0, 2.0], "broadcast"),
     ],
 )
-def test_bad_input_is_refused_and_changes_nothing(command, load, match):
+def test_invalid_input_is_refused_and_changes_nothing(command, load, match):
     actuator = SimulatedActuator()
     with pytest.raises(ValueError, match=match):
         actuator.advance(command, load)
@@ -88,7 +88,7 @@ def test_bad_input_is_refused_and_changes_nothing(command, load, match):
     assert actuator.advance([0.0]).first_index == 1
 
 
-def test_one_version_of_each_kernel_is_compiled():
+def test_only_one_version_of_each_kernel_is_compiled():
     """Integers, numpy scalars and lists from a caller are converted before the kernels.
 
     There are at most two versions, without and with hidden causes.
@@ -118,7 +118,7 @@ def run(causes: Causes, parameters: ActuatorParameters = P) -> Telemetry:
     return actuator.advance(CHIRP)
 
 
-def test_kernel_has_every_cause_but_those_of_sensors():
+def test_kernel_has_every_cause_except_those_of_sensors():
     inside = [cause.name for cause in CAUSES if cause.place is not Place.SENSOR]
     assert Effects._fields == ("time", *inside)
 
@@ -128,7 +128,7 @@ def test_kernel_has_every_cause_but_those_of_sensors():
     [{}, {"current_offset": 1.0}, {name: 0.0 for name in Effects._fields if name != "time"}],
     ids=["none", "of_sensors", "zero"],
 )
-def test_causes_that_are_absent_change_no_bit(causes):
+def test_absent_causes_leave_results_bit_identical(causes):
     """Without causes, the kernels without causes run.
 
     With zeros, the kernels with causes run, in which sums with 0 and products with 1 are exact.
@@ -136,12 +136,12 @@ def test_causes_that_are_absent_change_no_bit(causes):
     assert_same(run(causes), SimulatedActuator().advance(CHIRP))
 
 
-def test_times_count_from_the_assignment():
-    actuator, other = SimulatedActuator(), SimulatedActuator()
+def test_times_of_causes_count_from_the_assignment():
+    actuator, late = SimulatedActuator(), SimulatedActuator()
     actuator.advance(CHIRP[:500])
     actuator.causes = ["load_torque=0.1@0.02"]
-    other.causes = ["load_torque=0.1@0.07"]
-    assert_same(actuator.advance(CHIRP[500:]), join([other.advance(CHIRP)]).part(500, 2000))
+    late.causes = ["load_torque=0.1@0.07"]
+    assert_same(actuator.advance(CHIRP[500:]), join([late.advance(CHIRP)]).part(500, 2000))
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_times_count_from_the_assignment():
         ("inertia", 0.25, {"J_m": (P.J_m + P.J_u) * 1.25, "J_u": 0.0}),
     ],
 )
-def test_cause_is_another_plant_under_the_same_control(cause, value, changed):
+def test_cause_equals_a_changed_plant_under_the_same_control(cause, value, changed):
     assert_same(run({cause: value}), run({}, parameters=replace(P, **changed)))
 
 

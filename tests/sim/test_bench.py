@@ -40,7 +40,7 @@ def telemetry(cycle: RunningCycle) -> Telemetry:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("block_s", "n"), [(0.01, 100), (0.3, 3000), (1e-6, 1)])
-def test_blocks_have_their_length_and_do_not_show(block_s, n):
+def test_telemetry_does_not_depend_on_the_length_of_blocks(block_s, n):
     cycle = short_bench(block_s=block_s, current_noise=0.1).begin_cycle()
     blocks = [block for block, _ in cycle.blocks]
     assert {len(block) for block in blocks[:-1]} == {n}
@@ -64,7 +64,7 @@ def test_cycles_follow_each_other_unless_a_start_is_given():
     assert (block.stamp_ns, block.first_index) == (9_999_999_999 + period_ns, 2 * n + 1)
 
 
-def test_what_is_set_holds_from_the_next_cycle_on():
+def test_changed_settings_apply_from_the_next_cycle_on():
     bench, undisturbed = short_bench(), short_bench()
     cycle, expected = bench.begin_cycle(), undisturbed.begin_cycle()
     longer = Command("step", amplitude=2e-3, duration=4e-3)
@@ -116,7 +116,7 @@ def test_impossible_faults_are_refused_and_change_nothing(faults, growths, hours
     assert bench.begin_cycle().faults[1] == pytest.approx(0.01)
 
 
-def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
+def test_causes_apply_from_the_next_cycle_on_and_their_times_begin_with_it():
     bench = short_bench()
     first = bench.begin_cycle()
     bench.set_causes(["position_offset=0.01@0.002"])
@@ -143,7 +143,7 @@ def test_blocks_are_due_at_the_end_of_their_last_sample(rate):
     assert pace.busy_share == pytest.approx(0.3, rel=1e-6)
 
 
-def test_short_delay_is_made_up_for():
+def test_short_delay_is_caught_up():
     clock = SimulatedTime()
     pacer = Pacer(1.0, clock.monotonic)
     clock.now_s += 0.8 * TOLERANCE_S
@@ -153,7 +153,7 @@ def test_short_delay_is_made_up_for():
     assert not pacer.pace().behind
 
 
-def test_after_a_long_delay_the_schedule_continues_from_there():
+def test_after_a_long_delay_the_schedule_is_shifted():
     clock = SimulatedTime()
     pacer = Pacer(1.0, clock.monotonic)
     clock.now_s += 5.0
@@ -240,7 +240,7 @@ def blocks_per_cycle(run: Run) -> int:
     return -(-run.cycles[0].samples // 100)
 
 
-def test_stamps_are_those_of_the_wall_clock_and_run_on(make_run):
+def test_stamps_follow_the_wall_clock_across_cycles(make_run):
     run = make_run()
     run.until(150)
     late = run.lateness_s()
@@ -252,7 +252,7 @@ def test_stamps_are_those_of_the_wall_clock_and_run_on(make_run):
     assert set(steps) == {100_000}
 
 
-def test_after_a_stall_no_burst_and_the_next_cycle_on_the_wall_clock_again(make_run):
+def test_after_a_stall_there_is_no_burst_and_the_next_cycle_follows_the_wall_clock(make_run):
     run = make_run(stall_at=20, stall_s=0.4)
     run.until(170)
     gaps = 1e-9 * np.diff(run.arrivals_ns)
@@ -268,7 +268,7 @@ def test_after_a_stall_no_burst_and_the_next_cycle_on_the_wall_clock_again(make_
     assert indices[1:] == ends[:-1]
 
 
-def test_simulated_time_runs_on_without_a_gap_however_late(make_run):
+def test_simulated_time_has_no_gap_after_a_delay(make_run):
     run = make_run(rate=10.0, stall_at=5, stall_s=0.3)
     before = run.clock.time_ns()
     run.until(250)
@@ -280,7 +280,7 @@ def test_simulated_time_runs_on_without_a_gap_however_late(make_run):
     assert run.cycles[0].start_ns == before
 
 
-def test_stopped_runner_starts_again_with_a_new_cycle_and_running_indices(make_run):
+def test_stopped_runner_starts_again_with_a_new_cycle_and_continuing_indices(make_run):
     run = make_run()
     run.until(5)
     kept = len(run.blocks)

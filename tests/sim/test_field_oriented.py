@@ -88,7 +88,7 @@ def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
     )
 
 
-def test_speed_is_that_at_which_the_speed_loop_holds_friction():
+def test_steady_speed_is_where_the_speed_loop_balances_friction():
     """GAP (omega_max - omega) = f_d + C omega, if the voltage suffices."""
     fast = replace(P, V_max=200.0, theta_stop=100.0)
     one = actuator(fast)
@@ -98,7 +98,7 @@ def test_speed_is_that_at_which_the_speed_loop_holds_friction():
     assert one.state.omega == pytest.approx(expected, rel=1e-6)
 
 
-def test_power_of_supply_is_that_of_shaft_and_copper():
+def test_supply_power_equals_shaft_power_and_copper_loss():
     one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
     one.advance(np.full(6000, 50.0))
     x = one.state

@@ -26,7 +26,7 @@ def friction_after(growth: Growth, x: float, before: float, hours: float, seed: 
     [Growth("archard", 3e-4, 3.0), Growth("drift", 1.5e-4), Growth("power", 900.0, 1.6)],
     ids=lambda growth: growth.law,
 )
-def test_length_of_the_steps_does_not_show(growth):
+def test_growth_does_not_depend_on_the_length_of_steps(growth):
     whole = friction_after(growth, 0.02, 0.0, 400.0)
     x = 0.02
     for i in range(40):
@@ -35,7 +35,7 @@ def test_length_of_the_steps_does_not_show(growth):
 
 
 @pytest.mark.parametrize("law", ["constant", "linear", "exponential", "archard", "drift"])
-def test_constant_growth_changes_nothing_and_draws_nothing(law):
+def test_constant_growth_changes_nothing_and_draws_no_random_numbers(law):
     generator = rng()
     k = fault_vector({"friction": 0.2, "gain": 0.4})
     rate = 0.3 if law == "constant" else 0.0
@@ -45,7 +45,7 @@ def test_constant_growth_changes_nothing_and_draws_nothing(law):
     assert generator.random() == rng().random()
 
 
-def test_drift_diffuses_with_the_root_of_the_time():
+def test_drift_diffuses_with_the_square_root_of_time():
     a, s, hours, n = 1e-4, 1e-3, 400.0, 4000
     generator = rng(3)
     growth = {"gain": Growth("drift", a, noise=s)}
@@ -72,7 +72,7 @@ def test_increments_have_a_lognormal_factor_of_mean_one():
     assert logs.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
 
-def test_same_seed_same_life_regardless_of_the_order_of_the_growths():
+def test_same_seed_gives_the_same_life_in_any_order_of_the_growths():
     growths = {"gain": Growth("drift", 0.0, noise=1e-2), "friction": Growth("linear", 1e-3, 0, 0.3)}
     one = grow(healthy_faults(), growths, 0.0, 10.0, rng(1))
     other = grow(healthy_faults(), dict(reversed(growths.items())), 0.0, 10.0, rng(1))
@@ -98,7 +98,7 @@ def test_impossible_growth_is_refused(figures, message):
         Growth(**figures)
 
 
-def test_growth_that_fits_no_component_is_refused():
+def test_growth_that_does_not_fit_its_component_is_refused():
     with pytest.raises(ValueError, match="unknown fault 'rust'; known: friction"):
         grow(healthy_faults(), {"rust": Growth()}, 0.0, 1.0, rng())
     with pytest.raises(ValueError, match=r"growth of friction: rate = -0\.001"):
@@ -150,7 +150,7 @@ def test_only_the_dominant_fault_reaches_its_limit_and_only_at_the_end(kind):
         assert int(np.argmax(share[-1])) == FAULT_NAMES.index(name)
 
 
-def test_end_is_where_the_law_reaches_the_limit_when_there_is_no_noise():
+def test_without_noise_life_ends_where_the_law_reaches_the_limit():
     settings = LifeSettings(process_noise=0.0)
     for kind in ("friction", "backlash", "short_circuit", "eccentricity"):
         life = run_to_failure(LIMITS, np.random.default_rng(3), kind, settings)
@@ -162,7 +162,7 @@ def test_end_is_where_the_law_reaches_the_limit_when_there_is_no_noise():
 
 
 @pytest.mark.slow
-def test_others_grow_at_a_fifth_of_their_rates():
+def test_other_faults_grow_at_a_fifth_of_their_rates():
     lives = [*lives_of("backlash", 60), *lives_of("gain", 60)]
     for name, kind in (("friction", "friction"), ("eccentricity", "eccentricity")):
         rates = [life.growths[name].rate / TYPICAL[kind].rate for life in lives]
@@ -186,7 +186,7 @@ def test_nothing_grows_in_a_constant_life():
     assert min(np.count_nonzero(level) for level in levels) <= 1
 
 
-def test_repair_puts_the_dominant_fault_back_and_life_counts_from_there():
+def test_repair_restores_the_dominant_fault_and_restarts_life():
     for kind in TYPICAL:
         for life in lives_of(kind, 3, with_repair=True):
             column = FAULT_NAMES.index(life.dominant)
@@ -199,7 +199,7 @@ def test_repair_puts_the_dominant_fault_back_and_life_counts_from_there():
             assert np.all(others[at] >= 0.5 * others[at - 1])
 
 
-def test_same_seed_same_life():
+def test_same_seed_gives_the_same_life():
     first, second = (run_to_failure(LIMITS, np.random.default_rng(9)) for _ in range(2))
     assert np.array_equal(first.faults, second.faults)
     assert (first.windows, first.end_hours) == (second.windows, second.end_hours)

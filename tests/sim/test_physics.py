@@ -47,7 +47,7 @@ def test_friction_dissipates(plant):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_end_stop_holds_and_lets_go(direction):
+def test_end_stop_holds_and_releases(direction):
     plant = unpowered(constants(ActuatorParameters(theta_stop=1e-3)))
     stop, play = direction * 1e-3 / ACTUATOR.tau, ACTUATOR.BLK
     hit = run(plant, spinning(direction * 300.0), 4000, load=-direction * 0.5)

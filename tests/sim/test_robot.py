@@ -72,7 +72,7 @@ def least_squares(arm: RobotArm, n: int, name: str) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize("name", JOINT_NAMES)
-def test_least_squares_find_the_friction_of_each_joint(name):
+def test_least_squares_identify_the_friction_of_each_joint(name):
     coulomb, viscous, inertia = least_squares(RobotArm(seed=1), 5, name)
     # The regression neglects the elastic gear and the drift of temperature within the cycles.
     assert coulomb == pytest.approx(1.0, abs=0.02)
@@ -89,7 +89,7 @@ def test_cycles_repeat_apart_from_the_goals():
     assert np.abs(difference).std() < 0.1 * first.position.std(axis=0).min()
 
 
-def test_a_cycle_lasts_as_long_as_ordinary_work_with_its_rests():
+def test_cycle_lasts_as_long_as_ordinary_work_with_rests():
     cycle = RobotArm().begin_cycle()
     assert 15.0 < cycle.samples / 500 < 25.0
     assert cycle.plan.moving_s < cycle.samples / 500 - 4.0
@@ -118,7 +118,7 @@ def test_reference_is_smooth_and_its_columns_are_derivatives():
     np.testing.assert_allclose(position[:, [0, -1]].T, [HOME, HOME], atol=1e-12)
 
 
-def test_samples_do_not_depend_on_the_blocks_nor_an_unfinished_cycle_on_the_one_before():
+def test_samples_do_not_depend_on_blocks_or_on_an_unfinished_cycle_before():
     [whole] = RobotArm(seed=3).begin_cycle(SHORT).blocks
     blocks = list(RobotArm(seed=3, block_s=0.02).begin_cycle(SHORT).blocks)
     assert [block.elapsed_ns for block in blocks[:3]] == [2_000_000, 22_000_000, 42_000_000]
@@ -133,7 +133,7 @@ def test_samples_do_not_depend_on_the_blocks_nor_an_unfinished_cycle_on_the_one_
     assert np.abs(again.position - HOME).max() < 1e-3
 
 
-def test_slower_telemetry_is_a_mean_of_the_effort_and_a_sample_of_the_position():
+def test_slower_telemetry_has_mean_efforts_and_sampled_positions():
     arms = RobotArm(rate=500), RobotArm(rate=50)
     [fast], [slow] = (list(arm.begin_cycle(SHORT).blocks) for arm in arms)
     np.testing.assert_array_equal(fast.position[9::10][: len(slow)], slow.position)
@@ -145,7 +145,7 @@ def test_slower_telemetry_is_a_mean_of_the_effort_and_a_sample_of_the_position()
     )
 
 
-def test_rate_that_does_not_divide_that_of_the_controllers_is_refused():
+def test_rate_that_does_not_divide_the_rate_of_the_controllers_is_refused():
     with pytest.raises(ValueError, match=r"rate = 300 Hz does not divide 1000 Hz: .* 250, 500"):
         RobotArm(rate=300)
 
@@ -170,7 +170,7 @@ def test_friction_grows_by_the_wear_after_the_healthy_cycles():
         assert 0.9 * least - 0.01 < more < 1.1 * (least + 5.0 * growth[-1, i]) + 0.01, joint
 
 
-def test_healthy_friction_wanders_by_a_per_cent_or_so():
+def test_healthy_friction_varies_by_about_a_per_cent():
     arm = RobotArm(rate=20)
     ratios = []
     for _ in range(60):
@@ -196,7 +196,7 @@ def test_gears_warm_up_in_work_and_thin_grease_needs_less_effort():
     assert efforts[1] < 0.99 * efforts[0]
 
 
-def test_the_part_is_carried_from_pick_to_place_only():
+def test_part_is_carried_only_from_pick_to_place():
     (cycle, log), (_, empty) = (
         cycles(RobotArm(), 1, WorkSettings(cycle_pause=0.5, payload=mass))[0] for mass in (4.0, 0.0)
     )
@@ -209,14 +209,14 @@ def test_the_part_is_carried_from_pick_to_place_only():
     assert abs(np.median(more[share == 0.0])) < 1.0
 
 
-def test_units_differ_in_friction_and_repeat_by_their_seed():
+def test_units_differ_in_friction_and_are_reproducible_by_seed():
     frictions = np.array([[j.coulomb for j in arm_unit(seed).values()] for seed in range(50)])
     spread = np.log(frictions / frictions.mean(axis=0)).std()
     assert spread == pytest.approx(0.08, rel=0.15)  # The tolerance for 300 values is 4 %.
     assert arm_unit(7) == arm_unit(7)
 
 
-def test_a_day_of_work_changes_its_parts_and_the_air():
+def test_day_of_work_changes_the_parts_and_the_air():
     works = [work_of_day(hour) for hour in np.arange(0.0, 24.0, 0.5)]
     ambient = [work.ambient for work in works]
     assert max(ambient) - min(ambient) == pytest.approx(8.0, abs=0.1)

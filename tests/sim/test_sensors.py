@@ -28,7 +28,7 @@ def sensors(current_noise: float = 0.0, resolutions=None, seed: int = 1) -> Sens
     return Sensors(current_noise, resolutions or {}, np.random.default_rng(seed))
 
 
-def test_noise_is_on_the_current_alone_white_and_of_its_size():
+def test_noise_is_white_of_the_given_size_and_only_on_the_current():
     sigma = 0.3
     measured = sensors(sigma).measure(TRUTH)
     noise = measured.current - TRUTH.current
@@ -65,7 +65,7 @@ def misread(causes: Causes, *blocks: Telemetry) -> Telemetry:
 
 
 @pytest.mark.parametrize("column", ["current", "speed", "position"])
-def test_gain_and_offset_are_those_of_one_column(column):
+def test_gain_and_offset_affect_only_their_column(column):
     measured = misread([f"{column}_gain=-0.05", f"{column}_offset=0.1"], TRUTH)
     for name in COLUMNS:
         truth = getattr(TRUTH, name)
@@ -105,7 +105,7 @@ def fine() -> Telemetry:
     return SimulatedActuator(sample_period=1e-3 / FINE).advance(command)
 
 
-def test_mean_filtered_and_instantaneous_are_of_one_current():
+def test_mean_filtered_and_instantaneous_sampling_agree_with_the_current():
     """Compare each sampling with the current in steps of 10 us.
 
     The motion is equal up to the last bits; chaos would be visible. The instantaneous value differs
@@ -126,7 +126,7 @@ def test_mean_filtered_and_instantaneous_are_of_one_current():
     np.testing.assert_allclose(filtered, expected, atol=5e-3)
 
 
-def test_what_is_not_measured_is_an_empty_column():
+def test_unmeasured_quantity_is_an_empty_column():
     telemetry = simulate(
         description=ActuatorDescription(
             sample_period=1e-3, acquisition=Acquisition("none", speed=False)
@@ -173,7 +173,7 @@ def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("noise_gain", "hold"), [(1.0, 1e-6), (100.0, 1e-6), (4.0, 1e-5)])
-def test_variance_and_hold_time(noise_gain, hold):
+def test_noise_has_its_variance_and_hold_time(noise_gain, hold):
     """The variance is K_noise 1e-6 / t_n; each value is held for t_n, independent of the others."""
     sigma = math.sqrt(noise_gain * 1e-6 / hold)
     holds = round(PERIOD / hold)

@@ -99,7 +99,7 @@ def test_kernel_step_equals_twin(case):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_sample_equals_its_steps(case):
+def test_sample_equals_its_single_steps(case):
     """Commutation, switching, gap and end stop persist over the steps of a sample."""
     values, faults, _ = CASES[case]
     plant = degrade(constants(ActuatorParameters().replace(values)), fault_vector(faults))

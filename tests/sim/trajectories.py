@@ -90,9 +90,9 @@ def unpowered(plant: PlantConstants) -> PlantConstants:
     return plant._replace(motor=plant.motor._replace(k_e=0.0))
 
 
-def assert_same(one: Telemetry, other: Telemetry) -> None:
+def assert_same(first: Telemetry, second: Telemetry) -> None:
     """Assert that stamps, indices and values are bit-identical."""
-    np.testing.assert_array_equal(one.stamps_ns, other.stamps_ns)
-    assert one.first_index == other.first_index
+    np.testing.assert_array_equal(first.stamps_ns, second.stamps_ns)
+    assert first.first_index == second.first_index
     for column in COLUMNS:
-        np.testing.assert_array_equal(getattr(one, column), getattr(other, column))
+        np.testing.assert_array_equal(getattr(first, column), getattr(second, column))
