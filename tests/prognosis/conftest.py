@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where histories are, and requirements that several files ask and none changes."""
+"""Fixtures: the path of a history, and requirements that several test files only read."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ from ema_monitor.prognosis.requirements.requirements import Requirements
 
 @pytest.fixture(autouse=True)
 def _histories_are_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Close the histories that a test leaves open: Python 3.13 warns of such databases."""
+    """Close histories that a test leaves open, because Python 3.13 warns of open databases."""
     made: list[History] = []
     initialise = History.__init__
 
@@ -29,11 +29,11 @@ def _histories_are_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """The file of a history, whose folder is not there yet."""
+    """Return the path of a history, whose folder does not exist."""
     return tmp_path / "histories" / "flap.sqlite"
 
 
 @pytest.fixture(scope="session")
 def requirements() -> Requirements:
-    """Those of the built-in actuator."""
+    """Return the requirements of the built-in actuator."""
     return Requirements(ActuatorParameters())

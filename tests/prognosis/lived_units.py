@@ -26,7 +26,7 @@ COUNTED = PrognosisSettings()
 
 
 def friction(number: int) -> float:
-    """Exponential growth, at its limit of 0.5 in test 80."""
+    """Return friction that grows exponentially, and reaches its limit of 0.5 in test 80."""
     return 0.05 * math.expm1(0.003 * 10.0 * number)
 
 
@@ -41,9 +41,11 @@ def lived(
     missing: tuple[int, ...] = (),
     known: int = 0,
 ) -> tuple[Unit, list[Outlook]]:
-    """A unit whose friction and backlash have grown over n tests, of which some were known.
+    """Return a unit with growing friction and backlash after n tests, and its outlooks.
 
-    Its requirements, which take long, are known at the latest test.
+    The first ``known`` tests are in the history from the start.
+
+    Its requirements, which take long to compute, are computed only at the latest test.
     """
     tests = [worn(number, valid=number not in missing).estimate for number in range(n)]
     prognostics, outlooks = Unit(history_of(tests[:known], path), settings), []
@@ -57,19 +59,19 @@ def lived(
 
 
 def plain(outlook: Outlook) -> str:
-    """Everything in it but the events, each figure to its last digit."""
+    """Return the content of an outlook without the events, with all digits."""
     return repr(replace(outlook, events=()))
 
 
 class Cycle(NamedTuple):
-    """A test cycle: its estimate, and what was counted before it; NaN when nothing was."""
+    """A test cycle: its estimate, and the count before it; NaN without a count."""
 
     estimate: Estimate
     counted_hours: float = math.nan
 
 
 def drawn_count(rng: np.random.Generator, number: int) -> float:
-    """Hours counted at a test of a number: none, the right ones of 8 a test, or wrong ones."""
+    """Return the counted hours at a test: NaN, the right ones (8 per test), or wrong ones."""
     kind = rng.choice(["none", "right", "high", "low"], p=[0.3, 0.5, 0.1, 0.1])
     right = 8.0 * number
     return {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
@@ -85,7 +87,7 @@ def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) ->
 def follow(
     prognostics: Unit, cycles: Iterable[Cycle], settings: PrognosisSettings = COUNTED
 ) -> list[Outlook | None]:
-    """What is said after each of the cycles, without requirements."""
+    """Return the outlook after each cycle, without requirements."""
     outlooks = []
     for estimate, hours in cycles:
         count = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of tests as a monitor would find them, without a monitor, and histories of them."""
+"""Synthetic estimates of tests, as a monitor would identify them, and their histories."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
@@ -31,7 +31,7 @@ def made_test(
     rng: np.random.Generator | None = None,
     **faults: float,
 ) -> Estimate:
-    """The estimate of test ``number``; with a seed it errs by a standard deviation of 0.004."""
+    """Return the estimate of test ``number``; with a seed, its errors have a sigma of 0.004."""
     end_ns = FIRST_NS + round(number * PERIOD_NS)
     if not valid:
         reason = "a phase is open" if failed else "a gap of 3 samples"
@@ -68,7 +68,7 @@ def made_test(
 
 
 def hiding(test: Estimate, hidden: Collection[str]) -> Estimate:
-    """The same test, in which the motion hides some faults: they look healthy."""
+    """Return the same test with hidden faults, which look healthy."""
     unobservable = test.unobservable | np.isin(FAULT_NAMES, list(hidden))
     covariance = test.covariance.copy()
     covariance[unobservable] = covariance[:, unobservable] = np.nan
@@ -82,7 +82,7 @@ def entry(number: int) -> Entry:
 def history_of(
     estimates: Iterable[Estimate], path: Path | None = None, unit: tuple[str, str] = UNIT
 ) -> History:
-    """A history of tests, ten hours apart, of which nothing was found yet."""
+    """Return a history of tests at intervals of ten hours, without assessments."""
     history = History(*unit, path)
     for number, estimate in enumerate(estimates, 1):
         history.append(Entry(estimate, 10.0 * number, number))
@@ -90,7 +90,7 @@ def history_of(
 
 
 def kept(path: Path, n: int = 3) -> bytes:
-    """A history of n tests in a file; returns what the file holds."""
+    """Write a history of n tests to a file; return the content of the file."""
     history = History(*UNIT, path)
     for number in range(n):
         history.append(entry(number))

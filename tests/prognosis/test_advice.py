@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to come after a test: forecast, removal, the cheapest advice, and their words."""
+"""Outlook after a test: forecast, removal, the cheapest advice, and their texts."""
 
 import math
 from dataclasses import replace
@@ -29,8 +29,8 @@ LIFETIME = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
 class Life(NamedTuple):
     """A unit whose friction reaches 0.5 at test 45, 460 h after the count began.
 
-    The outlooks after each of fifty tests, a forecaster after thirty, what it said then, and what
-    one was that was asked for too late.
+    It has the outlooks after each of fifty tests, a forecaster after thirty tests with its forecast
+    at that time, and a forecaster that was requested too late.
     """
 
     outlooks: list[Outlook]
@@ -53,7 +53,7 @@ def life() -> Life:
 
 
 def grow(unit: Unit, tests: range, settings: PrognosisSettings = TEN_HOURS) -> list[Outlook]:
-    """The outlooks after tests of a unit whose friction grows by 0.01 a test."""
+    """Return the outlooks after tests of a unit whose friction grows by 0.01 per test."""
     outlooks = []
     for number in tests:
         estimate = made_test(number, seed=1, friction=0.05 + 0.01 * number)
@@ -67,7 +67,7 @@ def test_fan_begins_at_the_tracked_value_and_passes_the_limit_about_the_median_l
     _, median, _ = fan.values["friction"]
     assert median[0] == pytest.approx(now, abs=0.005)
     passes = np.interp(life.forecaster.limits.of("friction"), median, fan.hours)
-    # Median of the passages and passage of the median differ by a few percent at most.
+    # The median of the passages and the passage of the median differ by a few per cent at most.
     assert passes == pytest.approx(outlook.rul.hours_50, rel=0.1)
     assert fan.hours[-1] > outlook.rul.hours_50
 
@@ -76,7 +76,7 @@ def test_forecaster_does_not_change_with_later_tests(life):
     after = life.forecaster.fan()
     for name, values in life.fan.values.items():
         np.testing.assert_array_equal(values, after.values[name])
-    # What was asked for too late is of another test.
+    # A forecaster requested too late belongs to another test.
     assert life.asked_late is None
 
 
@@ -101,7 +101,7 @@ def test_earlier_of_two_lives():
     one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
     other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
     unknown = RemainingLife.unknown("none", "no growth")
-    # Of lives that end independently, the first to end does so sooner than either.
+    # For independent lives, the first to end does so sooner than either.
     both = RemainingLife(True, 5.0, 30.0, 92.0, "any")
     assert earlier(one, other, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
     assert earlier(one, other, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
@@ -120,7 +120,8 @@ def test_as_many_units_fail_before_their_removal_as_is_accepted(risk: float, hou
 
 @pytest.mark.parametrize(
     ("hours_05", "risk", "hours"),
-    # They may rest on other samples: a lower risk is never later than the 5 % quantile.
+    # The quantiles may come from other samples, but a lower risk is never later than the 5 %
+    # quantile.
     [(8.0, 0.01, 8.0), (8.0, 0.05, 8.0), (300.0, 0.2, 300.0)],
 )
 def test_published_quantiles_are_not_contradicted(hours_05: float, risk: float, hours: float):
@@ -151,7 +152,7 @@ def decision(lives: np.ndarray, hours: float = 0.0, interval: float = 10.0, **co
 
 def test_age_replacement_of_a_weibull_life_is_that_of_renewal_theory():
     # Barlow and Proschan: h(T) int_0^T R - F(T) = c_p / (c_f - c_p); shape 2, scale 100, costs 1
-    # and 5: its root, found by bisection on a fine grid.
+    # and 5. Its root was computed by bisection on a fine grid.
     t = np.linspace(0.0, 300.0, 300_001)
     survival = np.exp(-((t / 100.0) ** 2))
     area = np.concatenate([[0.0], np.cumsum(0.5 * (survival[1:] + survival[:-1]) * np.diff(t))])
@@ -159,13 +160,13 @@ def test_age_replacement_of_a_weibull_life_is_that_of_renewal_theory():
     best = t[np.searchsorted(excess, 0.0)]
     rate = (1.0 + 4.0 * (1.0 - np.exp(-((best / 100.0) ** 2)))) / np.interp(best, t, area)
     found = decision(weibull(2.0, 100.0), interval=1e4).remove()
-    # The optimum is flat: its rate is exact where its place is not.
+    # The optimum is flat: its cost rate is exact, its position less so.
     assert found.rate == pytest.approx(rate, rel=2e-3)
     assert found.removal_hours == pytest.approx(best, rel=0.1)
 
 
 def test_life_without_memory_is_never_cut_short():
-    """A removal before the failure saves nothing where the new unit is no better."""
+    """A removal before the failure saves nothing if the new unit is no better."""
     lives = weibull(1.0, 100.0)
     found = decision(lives, interval=1e5).remove()
     assert found.removal_hours == pytest.approx(lives[-1])
@@ -175,7 +176,7 @@ def test_certain_end_is_waited_for_as_long_as_a_test_comes_before_it():
     near, far = np.full(N, 15.0), np.full(N, 25.0)
     assert decision(near, 500.0).remove().rate < decision(near, 500.0, 20.0).wait().rate
     assert decision(far, 500.0).wait().rate < decision(far, 500.0).remove().rate
-    # With a lead time of 20 h the test in 10 h comes too late.
+    # With a lead time of 20 h, the test in 10 h is too late.
     late = decision(far, 500.0, lead_time=20.0)
     assert late.remove().rate < late.wait().rate
     assert late.remove().removal_hours == pytest.approx(25.0)
@@ -197,7 +198,7 @@ def test_waiting_is_worth_less_where_the_tests_are_uninformative():
 
 
 def two_levels() -> tuple[Decision, np.ndarray]:
-    """A unit that is either nearly failed or nearly new, which its tests do not tell."""
+    """Return a unit that is either nearly failed or nearly new, which its tests do not show."""
     is_worn = np.arange(N) % 4 == 0
     rng = np.random.default_rng(1)
     lives = np.where(is_worn, rng.uniform(2.0, 9.0, N), rng.uniform(400.0, 500.0, N))
@@ -210,7 +211,7 @@ def test_inspection_pays_where_it_reports_what_a_removal_hangs_on():
     made, levels = two_levels()
     least = min(made.remove().rate, made.wait().rate)
     inspected = made.inspect(levels)
-    # A quarter is removed after 500 h, the others after 500 + about 400 h.
+    # A quarter is removed after 500 h, the others about 400 h later.
     assert inspected.rate == pytest.approx((1.0 + 0.05) / (500.0 + 0.75 * 400.0), rel=0.05)
     assert inspected.rate < 0.8 * least
     dear = replace(made, costs=replace(made.costs, inspection=1.0))
@@ -293,7 +294,8 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
         "torque margin 0.59 (warns below 0.62, fails below 0.5), "
         "friction 0.2 (warns above 0.1, fails above 0.5)"
     )
-    # A failure that the latest test contradicts, as after a repair, is said with what that shows.
+    # If the latest test contradicts a failure, as after a repair, the text states the current
+    # value.
     repaired = outlook(ERROR, PLAY, replace(FRICTION, held=0.0))
     assert cause_of_level(repaired) == (
         "free play 0.6 mrad (failed: above 0.5 mrad), friction 0 in the latest test, to be "

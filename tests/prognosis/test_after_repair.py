@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Life and removal after a repair, and beside OK."""
+"""Remaining life and removal after a repair, and next to the level OK."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ LAWS = {
 def worn_test(
     number: int, hours: float, law: tuple[float, float, float], rng: np.random.Generator
 ) -> Estimate:
-    """A test: friction grows exponentially, backlash and a short circuit linearly."""
+    """Return a test: friction grows exponentially, backlash and a short circuit grow linearly."""
     shape, backlash, short_circuit = law
     return made_test(
         number,
@@ -42,7 +42,7 @@ def worn_test(
 
 
 def repaired(law: tuple[float, float, float], seed: int, later: int) -> tuple[Unit, list[Outlook]]:
-    """A unit that fails, is repaired as a whole and wears again; its outlooks after the repair."""
+    """Return a unit that fails, is repaired completely and wears again, and its later outlooks."""
     rng, unit, number = np.random.default_rng(seed), Unit(History(*UNIT), TEN_HOURS), 0
     outlook = None
     while outlook is None or outlook.health.level != ERROR:
@@ -72,7 +72,7 @@ def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
         assert not one.lifetimes.size
         assert removal_in_words(one).startswith("No removal date yet: fewer than 5 tests")
     assert "repair" not in made[last + LEAST_TESTS].rul.reason
-    # A replay of the tests gives the same.
+    # Replaying the tests gives the same outlooks.
     again = Unit(unit.history, TEN_HOURS).resume(None, TEN_HOURS)
     assert again is not None
     assert repr(again.rul) == repr(made[-1].rul)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is kept beside the tests: what was found after each, and growth; both survive a restart."""
+"""Assessments and growth are stored with the tests, and survive a restart."""
 
 import math
 import sqlite3
@@ -42,7 +42,7 @@ def assessment(number: int, level: int = OK) -> Assessment:
 def lived(
     path: Path | None, frictions: list[float], first: int = 0, hours: float = 10.0
 ) -> tuple[Unit, Outlook]:
-    """A unit with more tests, from the number ``first`` on, in the history at a path."""
+    """Return a unit with more tests from number ``first`` on, stored in the history at a path."""
     settings = PrognosisSettings(service=Service(hours_per_cycle=hours))
     unit = Unit(History(*UNIT, path), settings, opened_ns=123)
     outlook = None
@@ -110,7 +110,7 @@ def test_failure_is_dated_over_a_restart(path: Path):
 
 def test_fault_restart_and_calibration_are_events_once(path: Path):
     unit, _ = lived(path, [0.02, 0.02, 0.3, 0.3])
-    # A test that the tracker holds back is WARN by itself.
+    # A test that the tracker holds back gives WARN by itself.
     assert [(hours, kind) for hours, kind, _ in kinds(unit) if kind == "fault"] == [(30.0, "fault")]
     unit, _ = lived(path, [0.3], first=4)
     [restart] = [event for event in kinds(unit) if event[1] == "restart"]
@@ -160,7 +160,7 @@ def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):
     found = unit.history.assessments[outlook.stamp_ns]
     assert outlook.events == found.events
     assert [event.kind for event in found.events] == ["outlier", "fault"]
-    again = unit.resume(None, TEN_HOURS)  # as when the requirements have been fitted
+    again = unit.resume(None, TEN_HOURS)  # as after the requirements were fitted
     assert again is not None
     assert again.events == ()
     assert unit.history.assessments[outlook.stamp_ns].events == found.events
@@ -176,7 +176,7 @@ def kept_each_fourth_test(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def fed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The hours of the tests that any tracker is updated by from now on."""
+    """Return the hours of the tests with which any tracker is updated from now on."""
     hours: list[float] = []
     update = Tracker.update
 
@@ -189,7 +189,7 @@ def fed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def followed(path: Path, cycles: list[Cycle], settings: PrognosisSettings = TEN_HOURS) -> list[str]:
-    """What is said of each cycle, in a run of its own; all is written after each."""
+    """Return the outlook of each cycle as text, from a separate run that writes everything."""
     unit = Unit(History(*UNIT, path), settings)
     printed = []
     for cycle in cycles:
@@ -214,7 +214,7 @@ def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
 def test_restart_from_what_is_kept_states_the_same_to_the_last_bit(
     tmp_path: Path, path: Path, seed: int, by_cycles: bool
 ):
-    """Tests with and without estimate, outliers, counted, not counted, and counted wrongly."""
+    """Tests with and without estimates, outliers, and with right, missing and wrong counts."""
     rng = np.random.default_rng(seed)
     settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
     cycles = []
@@ -269,7 +269,7 @@ def test_kept_growth_of_other_settings_is_not_used(path: Path, fed: list[float])
 
 @pytest.mark.parametrize("method", [1, 99])
 def test_archive_that_cannot_be_unpacked_is_as_none(method: int):
-    """Of archives packed in unknown ways, others than numpy raise."""
+    """Other packers than numpy raise errors of various types."""
     stream = BytesIO()
     np.savez(stream, used_hours=np.zeros(1))
     kept = bytearray(stream.getvalue())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Another baseline is no repair: what it hides stays in the history."""
+"""A new baseline is not a repair: faults that it hides stay in the history."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ HOURS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
 
 
 def follow(unit: Unit, first: int, frictions: Sequence[float], baseline: str) -> list[UnitEvent]:
-    """Events of tests that are identified with a calibration."""
+    """Return the events of tests that are identified with a calibration."""
     events = list[UnitEvent]()
     for number, friction in enumerate(frictions, first):
         test = replace(made_test(number, seed=5, friction=friction), calibration_id=baseline)
@@ -63,7 +63,7 @@ def test_alarm_names_what_is_wrong_until_it_ends(tmp_path: Path):
     unit.history.close()
     again = Unit(History(*UNIT, tmp_path / "unit.sqlite"), HOURS)
     assert again.alarm(None, HOURS).startswith("friction 0.4")
-    # A refused test ends an OK, not an alarm.
+    # A refused test ends an OK, but not an alarm.
     again.update(made_test(8, valid=False), None, HOURS)
     assert again.alarm(None, HOURS)
     again.update(made_test(9, valid=False, failed=True), None, HOURS)
@@ -98,7 +98,7 @@ def test_changed_baseline_stays_in_the_history_with_its_author_and_the_figures_b
     assert not [one for one in kept if one.kind == "repair"]
     assert tests[-1].assessment is not None
     assert tests[-1].assessment.level == OK
-    # Whoever sees the OK sees what it rests on, after a restart as well.
+    # The OK is shown together with the change of the baseline, also after a restart.
     now = again.resume(None, HOURS)
     assert now is not None
     assert now.health.level == OK

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth that keeps to no law: waves, missed predictions, rates that change."""
+"""Growth that follows no law: waves, missed predictions, changing rates."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def test_transitions_keep_the_stationary_probabilities_of_the_pace():
 def test_pace_forgets_itself_within_its_hours():
     step = wander.transition(wander.WANDER_HOURS)
     mean = step @ wander.PACES
-    # That of the process is exp(-1); on the grid the outermost paces are held back.
+    # The correlation of the process is exp(-1); on the grid, the outermost paces are held back.
     np.testing.assert_allclose(mean[2:5], np.exp(-1.0) * wander.PACES[2:5], atol=0.05)
 
 
 def test_time_at_a_lasting_pace_is_shorter_by_it():
     own, rng = np.full(200, 5.0), np.random.default_rng(0)
     hours = wander.hours_of(own, np.full(200, wander.LOG_MEAN + np.log(2.0)), rng)
-    # Over 1 % of the hours within which it forgets itself a pace changes by 0.07.
+    # Over 1 % of its correlation time, a pace changes by 0.07.
     assert np.median(hours) == pytest.approx(2.5, rel=0.1)
 
 
@@ -55,16 +55,16 @@ def test_line_under_a_wave_is_predicted_as_the_line():
         hours = 12.0 * test
         value = 0.05 + 4e-4 * hours + 0.02 * np.sin(2.0 * np.pi * hours / 400.0)
         tracker.update(observed(hours, {"friction": value}, rng))
-    # The end by level and wave, 0.02 before or behind that of the line.
+    # The end from level and wave, with the wave 0.02 above or below the line.
     truth = (0.45 / 4e-4) - tracker.hours
     assert tracker.predict().overall.hours_50 == pytest.approx(truth, abs=0.025 / 4e-4)
 
 
 def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck:
-    """Return a check whose predictions, of a spread of 0.02, are missed by that times a factor."""
+    """Return a check of predictions with a sigma of 0.02, and errors of ``factor`` times that."""
     result, rng = PredictionCheck(TrackerSettings()), np.random.default_rng(0)
     for test in range(tests):
-        # Each test is off the predictions by an error of its own.
+        # Each test has an independent error.
         value = 0.2 + factor * 0.02 * rng.standard_normal()
         shown = ALL & (not misses or test % misses != misses - 1)
         result.observe(observed(10.0 * test, {"friction": value}), shown)
@@ -75,8 +75,7 @@ def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck
     return result
 
 
-# A quarter of 75 predictions, of which the later ones count more, tell a spread to 15 %.
-# A component that misses every tenth or nineteenth test is checked as well.
+# A quarter of 75 predictions, weighted towards the later ones, determines a spread to 15 %.
 @pytest.mark.parametrize(("factor", "misses"), [(1.5, 0), (2.2, 0), (2.2, 10), (2.2, 19)])
 def test_predictions_that_were_too_narrow_are_widened_as_they_should(factor, misses):
     found = checked(factor, misses=misses).of(FRICTION)
@@ -112,7 +111,7 @@ def test_widening_keeps_the_median_and_spreads_the_rest():
     hours = np.exp(rng.standard_normal((2, 5001)))
     wide = widened_lives(hours, np.array([1.0, 2.0]))
     np.testing.assert_array_equal(wide[0], hours[0])
-    # The logarithms of the ratios to the median are twice as large, and so are those of quantiles.
+    # The logarithms of the ratios to the median double, and so do those of the quantiles.
     before = np.log(np.quantile(hours[1], [0.05, 0.5, 0.95], method="inverted_cdf"))
     after = np.log(np.quantile(wide[1], [0.05, 0.5, 0.95], method="inverted_cdf"))
     assert after[1] == pytest.approx(before[1], abs=1e-12)
@@ -129,8 +128,8 @@ def test_scores_of_honest_predictions_are_near_one():
     for test in range(90):
         tracker.update(observed(10.0 * test, {"friction": 0.05 + 4e-3 * test}, rng))
     found = of(tracker, "friction").calibration
-    # 90 scores that forget by 0.98: the root mean square is known to 10 %. Growth without noise is
-    # better predicted than it claims, some tests ahead.
+    # 90 scores with a forgetting factor of 0.98: the root mean square is known to 10 %. Without
+    # noise, growth is predicted better than claimed, some tests ahead.
     assert found.one_step == pytest.approx(1.0, abs=0.25)
     assert found.ahead < 1.3
     assert 1.0 <= found.widening < 1.2
@@ -138,7 +137,7 @@ def test_scores_of_honest_predictions_are_near_one():
 
 @pytest.mark.slow
 def test_errors_larger_than_they_claim_show_in_the_scores():
-    # Of an unknown law, growth by jumps may explain them.
+    # With an unknown law, growth by jumps may explain the errors.
     settings = TrackerSettings(laws={"friction": KnownLaw("linear", 4e-4)})
     tracker, rng = Tracker(settings=settings), np.random.default_rng(3)
     for test in range(25):
@@ -156,5 +155,5 @@ def test_tracker_follows_a_rate_that_changes_at_once():
         assert events == []
     # To the error of some fifteen tests.
     assert of(tracker, "friction").trend == pytest.approx(8e-4, rel=0.25)
-    # The probability that it grows is kept.
+    # The probability of growth is kept.
     assert tracker.predict().overall.known

@@ -42,7 +42,7 @@ def record(number: int, of: Comparison) -> Estimate:
 
 
 def grown(number: int) -> Comparison:
-    """Friction that rises 3 % from record to record, and departs from the third on."""
+    """Return friction that rises by 3 % per record, and departs from the third record on."""
     return comparison(changed(FRICTION, GROWTH * number)) if number > 1 else HEALTHY
 
 
@@ -55,7 +55,7 @@ def followed(of: Iterable[Comparison], path: Path | None = None) -> tuple[Unit, 
 
 def test_growth_of_friction_is_tracked_as_that_of_the_fault():
     *_, last = followed(grown(number) for number in range(14))[1]
-    # The ratio of friction is 1 + 2 k, and a record is made every 10 h.
+    # The ratio of friction is 1 + 2 k, with a record every 10 h.
     assert last.trends["friction"] == pytest.approx(GROWTH / 2.0 / 10.0, rel=0.2)
     assert last.rul.known
     assert last.dominant == "friction"
@@ -63,7 +63,7 @@ def test_growth_of_friction_is_tracked_as_that_of_the_fault():
 
 
 def test_life_of_a_joint_mentions_requirements_only_if_they_were_asked_for():
-    """Nobody knows a model of its drive, and as a rule nobody requires anything of it."""
+    """The drive has no model, and usually no requirements."""
     wanted = replace(TEN_HOURS, requirements=RequirementLimits(bandwidth=10.0))
     for settings, are_wanted in ((TEN_HOURS, False), (wanted, True)):
         unit = Unit(History(*UNIT, None), settings)

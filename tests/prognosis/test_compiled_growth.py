@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All kernels that follow growth are compiled before a monitor is active."""
+"""All kernels that track growth are compiled before a monitor becomes active."""
 
 import json
 import subprocess

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A level of health rises at once, and falls once several tests in a row show the lower one."""
+"""A health level rises at once, and falls after several consecutive tests with a lower level."""
 
 import math
 
@@ -24,7 +24,7 @@ FRICTION = {OK: 0.02, WARN: 0.3, ERROR: 0.8}
         ([OK, WARN, OK, WARN, OK], 2, [OK, WARN, WARN, WARN, WARN]),
         ([OK, WARN, WARN, OK, OK], 2, [OK, WARN, WARN, WARN, OK]),
         ([OK, WARN, ERROR], 2, [OK, WARN, ERROR]),
-        # Of those that are lower the last is taken.
+        # Of the lower levels, the last one is used.
         ([ERROR, OK, WARN, OK, OK], 2, [ERROR, ERROR, WARN, WARN, OK]),
         ([OK, ERROR, ERROR, OK], 1, [OK, ERROR, ERROR, OK]),
         ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
@@ -49,7 +49,7 @@ def test_level_rises_at_once_and_falls_when_that_is_confirmed(
         # A restart changes nothing.
         again = Unit(unit.history, settings).resume(None, settings)
         assert again is not None
-        # Health holds NaN, which does not equal itself.
+        # Health contains NaN, which does not equal itself.
         assert repr(again.health) == repr(health)
 
 
@@ -62,7 +62,7 @@ def test_outlook_that_no_earlier_test_raises_is_the_same():
 
 
 def test_fault_that_the_tracker_holds_needs_as_many_tests_as_any_other():
-    """The tracker waits for a second test that agrees: the first one counts already."""
+    """The tracker waits for a second test that agrees; the first one counts already."""
     settings = PrognosisSettings(service=Service(hours_per_cycle=10.0))
     unit = Unit(History(*UNIT), settings)
     levels = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth by damage: hours of growth go by the duty flown, and lives by the duty to come."""
+"""Growth by damage: growth follows the duty flown, and lives follow the expected duty."""
 
 import math
 from collections.abc import Callable
@@ -28,11 +28,11 @@ BY_DAMAGE = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
 BY_HOURS = replace(BY_DAMAGE, damage=DamageSettings(growth_per="hours"))
 
 Duty = Callable[[int], FlownDuty]
-"""Duty in the hours before each test, by its number."""
+"""Duty in the hours before each test, by the number of the test."""
 
 
 def flown(travel: float, load: float = 0.25, rise: float | None = None) -> FlownDuty:
-    """Ten hours with some travel an hour [rad/h], all of it at one load and rise of the winding."""
+    """Return ten hours of duty with a travel [rad/h], at one load and rise of the winding [K]."""
     one = FlownDuty(INTERVAL_H)
     one.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
     if rise is not None:
@@ -42,7 +42,7 @@ def flown(travel: float, load: float = 0.25, rise: float | None = None) -> Flown
 
 
 def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
-    """Travel that scatters by a fifth, and from some test on is as many times as much."""
+    """Return travel that scatters by a fifth, and is multiplied by ``times`` from a test on."""
 
     def duty(test: int) -> FlownDuty:
         rng = np.random.default_rng([seed, test])
@@ -53,7 +53,7 @@ def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
 
 
 def travelled(duty: Duty, tests: int) -> np.ndarray:
-    """Travel until each test [rad]."""
+    """Return the travel until each test [rad]."""
     return np.cumsum([duty(number).travel[0].sum() for number in range(tests)])
 
 
@@ -65,7 +65,7 @@ def flies(
     seed: int = 3,
     known: int = 0,
 ) -> tuple[Unit, list[Outlook]]:
-    """Follow a unit over its tests, of which some are in its history from the start."""
+    """Follow a unit over its tests; the first ``known`` are in its history from the start."""
     history = History(*UNIT)
     for number in range(known):
         estimate = made_test(number, seed=seed, friction=friction(number))
@@ -107,7 +107,7 @@ def test_unit_flown_harder_from_half_of_its_life_on_is_predicted_better_by_damag
 
 
 def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
-    """A test of a second each ten hours says nothing of what was flown between them."""
+    """A test of one second every ten hours shows nothing about the duty between the tests."""
 
     def friction(number: int) -> float:
         return 0.01 * number
@@ -130,7 +130,7 @@ def test_hours_of_growth_are_those_at_the_mean_duty_of_the_first_tests():
     assert course is not None
     own = course.own_hours
     assert own[15] == pytest.approx(np.full(7, 160.0))
-    # Twice the travel at the same load is twice the wear; the others go by hours.
+    # Twice the travel at the same load gives twice the wear; the other faults grow by hours.
     assert own[30, NUMBER_OF["friction"]] == pytest.approx(160.0 + 2.0 * 150.0)
     assert own[30, NUMBER_OF["backlash"]] == pytest.approx(160.0 + 2.0 * 150.0)
     for name in ("short_circuit_a", "eccentricity", "gain"):
@@ -144,14 +144,14 @@ def test_wear_goes_by_the_power_of_the_load_and_ageing_by_the_temperature():
     gentle, hard = (cubic.damage(flown(50.0, load)) for load in (0.25, 0.5))
     assert hard[2] == pytest.approx(8.0 * gentle[2])
     assert gentle[:2] == pytest.approx([INTERVAL_H, 50.0 * INTERVAL_H])
-    # Montsinger's rule of ten kelvin, which an activation energy of 1 eV gives at 130 degC.
+    # Montsinger's rule of ten kelvin, equivalent to an activation energy of 1 eV at 130 degC.
     cool, hot = (DamageSettings().damage(flown(50.0, rise=rise)) for rise in (105.0, 115.0))
     assert hot[4] == pytest.approx(2.0 * cool[4], rel=0.03)
     assert hot[2:4] == pytest.approx([0.25 * 50.0 * INTERVAL_H, INTERVAL_H])
 
 
 def course(*relative: float) -> DutyCourse:
-    """Ten hours at each of these relative wears, after those at 1 that make a reference."""
+    """Return ten hours at each of these relative wears, after ten hours at 1 for the reference."""
     wear = np.array([1.0] * REFERENCE_TESTS + list(relative))
     hours = np.arange(wear.size + 1) * np.float64(INTERVAL_H)
     hourly = np.stack([wear, np.full(wear.size, np.nan), 4.0 * wear])
@@ -164,7 +164,7 @@ def test_interval_without_known_duty_is_as_the_one_before():
 
 
 def test_duty_to_come_is_drawn_from_the_past_and_widens_the_life():
-    """Of lives of 400 h of growth without any spread: the spread is that of the duty."""
+    """The lives have 400 h of growth without scatter, so that all scatter comes from the duty."""
     own = np.full((7, 2000), 400.0)
     steady = course(*[1.0] * 30).as_flown(1.0).hours_of(own)[0]
     rng = np.random.default_rng(1)
@@ -193,7 +193,7 @@ def test_duty_to_come_begins_as_since_the_latest_change():
     future = recent.as_flown(1.0)
     soon, late = np.mean(future.own_hours(np.array([5.0, 2000.0]), 100)[:, 0], axis=-1)
     assert soon == pytest.approx(5.0 * 2.0, rel=0.05)
-    # It changed twice in 570 h: it lasts as long in the mean, and is then as in all of the past.
+    # The duty changed twice in 570 h. It lasts as long on average, and then equals the whole past.
     lasts = 570.0 * (1.0 - math.exp(-2000.0 / 570.0))
     assert late == pytest.approx(
         lasts * 2.0 + (2000.0 - lasts) * (50.0 + 15.0 + 4.0) / 57.0, rel=0.1
@@ -204,7 +204,7 @@ def test_duty_to_come_begins_as_since_the_latest_change():
     assert str(future) == expected
     steady = course(*[1.0] * 40)
     assert str(steady.as_flown(1.0)) == "future duty as flown since 0 h"
-    # One change may last.
+    # A single change may last.
     harder = course(*[1.0] * 20, *[2.0] * 10).as_flown(1.0)
     assert str(harder) == "future duty as flown since 300 h"
     assert harder.present[0] == pytest.approx(2.0)
@@ -218,7 +218,7 @@ def test_changes_of_a_duty_are_found_also_where_it_comes_back():
 
 
 def test_scatter_is_no_change_of_the_duty():
-    """Of a thousand duties of a hundred intervals that scatter at random, few seem to change."""
+    """Of a thousand duties with a hundred intervals of random scatter, few seem to change."""
     rng = np.random.default_rng(3)
     changes = sum(duty_changes(np.exp(rng.standard_normal(100))).size > 0 for _ in range(1000))
     assert changes <= 10
@@ -234,7 +234,7 @@ def by_damage() -> Unit:
 
 
 def test_scenarios_are_lives_at_their_duty(by_damage):
-    """Friction ends life; half of its travel doubles it, and the temperature changes nothing."""
+    """Friction ends life; half of its travel doubles the life, and temperature changes nothing."""
     prognostics = by_damage
     asked = {
         "as flown": Scenario("as flown"),

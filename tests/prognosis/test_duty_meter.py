@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Duty in telemetry, and scenarios of duty in files."""
+"""Duty measured in telemetry, and scenarios of duty in files."""
 
 import re
 from collections import deque
@@ -20,14 +20,14 @@ PERIOD_S = 1e-3
 
 
 def block(position, first: int = 0, share: float = 0.35, *, measured: bool = True) -> Telemetry:
-    """Positions of a shaft, at a current that is some share of its limit."""
+    """Return positions of a shaft, at a current that is a share of its limit."""
     position = np.asarray(position, dtype=np.float64)
     current = np.full(position.size, -share * PARAMETERS.I_max) if measured else np.empty(0)
     return Telemetry(1_000, PERIOD_S, first, position, current, position, np.empty(0))
 
 
 def classes(spectrum: np.ndarray) -> list[tuple[int, float, float]]:
-    """Number, amount and mean of each class with anything in it."""
+    """Return number, amount and mean of each non-empty class."""
     amount, moment = spectrum
     return [(int(i), amount[i], moment[i] / amount[i]) for i in np.flatnonzero(amount)]
 
@@ -45,7 +45,7 @@ def metered(*blocks: Telemetry, rise: float | None = None) -> FlownDuty:
 
 
 def test_travel_is_the_way_to_and_fro_in_the_class_of_its_load():
-    """Ten periods of an amplitude of 0.1 rad: 4 rad, but for less than a resolution each turn."""
+    """Ten periods with an amplitude of 0.1 rad: 4 rad, less at most a resolution per reversal."""
     turns = 0.1 * np.sin(2.0 * np.pi * np.linspace(0.0, 10.0, 10_001))
     flown = metered(block(turns))
     assert travelled(flown) == pytest.approx(4.0, rel=0.01)
@@ -75,7 +75,8 @@ def test_way_over_a_gap_is_not_known():
 @pytest.mark.parametrize(
     ("one", "load"),
     [
-        # Travel alone counts where the current is not measured; an impossible one is the largest.
+        # Without a measured current, only travel counts; an impossible current counts as the
+        # largest.
         (block([0.0, 0.1], measured=False), 1.0),
         (block([0.0, 0.1], share=1e20), 10.0),
     ],
@@ -91,7 +92,7 @@ def test_hours_are_in_the_class_of_the_rise_of_the_winding(rise: float, number: 
 
 
 def test_duty_goes_to_the_test_that_it_ends_with_or_before():
-    """In any order: a window whose stamp is ahead holds back no other."""
+    """The order does not matter: a window with a stamp in the future delays no other window."""
     meter = DutyMeter(deque())
     for number, end_ns in enumerate((10**18, 100, 200, 300)):
         meter.add(block([0.0, 0.1 * (number + 1)], first=10 * number), PARAMETERS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What units say of growth: put together, kept in a file, and used for the next unit."""
+"""Growth learned from units: combined, stored in a file, and used for the next unit."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ BEFORE = curves_without_fleet(LIMITS)
 
 
 def grown(rate: float, seed: int) -> UnitGrowth:
-    """What a unit says whose friction grows."""
+    """Return what a unit with growing friction contributes."""
     tracker = Tracker()
     growth = {"friction": Growth("linear", rate)}
     feed(tracker, growth, 900.0, np.random.default_rng(seed), every=20.0)
@@ -48,7 +48,7 @@ def units() -> dict[str, UnitGrowth]:
 
 
 def flap(serial: str, path: Path | None = None, n: int = 40) -> History:
-    """The history of a unit whose friction has grown."""
+    """Return the history of a unit whose friction has grown."""
     tests = (made_test(test, seed=int(serial), friction=0.005 * test) for test in range(n))
     return history_of(tests, path, ("flap", serial))
 
@@ -76,13 +76,13 @@ def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_befor
     before = BEFORE["friction"]
     log = np.full(before.shape, -30.0, dtype=np.float16)
     log[5, 14] = 0.0
-    for n, least in ((1, 0.008), (100, 0.17)):  # at most the fifth that the fleet has
+    for n, least in ((1, 0.008), (100, 0.17)):  # at most the fifth that the fleet contributes
         share = distribution([log] * n, before)
         assert share.sum() == pytest.approx(1.0)
-        # Neighbours in rate are as likely by the width of the smoothing, 0.25 of the logarithm.
+        # Neighbouring rates are likely within the width of the smoothing, 0.25 of the logarithm.
         assert share[5, 11:18].sum() > least
         assert np.all(share > 0.79 * before)
-    # What says nothing changes nothing.
+    # A unit without information changes nothing.
     np.testing.assert_allclose(distribution([np.zeros_like(log)] * 20, before), before, rtol=1e-6)
 
 
@@ -95,13 +95,13 @@ def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_witho
         overall = tracker.predict().overall
         return overall.known, overall.hours_50, overall.hours_95 - overall.hours_05
 
-    # The same kind, three tenths of its life of 1,000 h over.
+    # The same kind, after 300 h of its life of 1,000 h.
     known, median, width = life(5e-4, 300.0, True)
     _, median_without, width_without = life(5e-4, 300.0, False)
     assert known
     assert abs(median - 700.0) <= 0.5 * abs(median_without - 700.0)
     assert width < width_without
-    # One that grows four times as fast is found all the same: 250 h of life, 130 h over.
+    # A unit that grows four times as fast is predicted all the same: 250 h of life, after 130 h.
     known, median, _ = life(2e-3, 130.0, True)
     assert known
     assert median == pytest.approx(120.0, rel=0.15)
@@ -193,7 +193,7 @@ def test_an_outlook_states_whose_growth_it_assumes_and_a_restart_continues_with_
     again = first.resume(None, settings)
     assert again is not None
     assert outlook.rul_faults == again.rul_faults
-    # What was kept with a fleet is not used without one, nor with another.
+    # Growth stored with a fleet is not used without it, nor with another fleet.
     plain = PrognosisSettings()
     assert opened(plain).growth.kept_tests == 0
     fewer = FleetGrowth(GRID, {name: units[name] for name in list(units)[:4]})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The history of a unit survives kills and damage at any moment; nothing is lost or overwritten."""
+"""The history of a unit survives kills and damage at any moment, without loss or overwriting."""
 
 import os
 import shutil
@@ -42,7 +42,7 @@ while True:
 
 
 def test_ten_years_of_daily_tests_take_at_most_20_megabytes():
-    """3,650 tests, each with what was found after it."""
+    """The history has 3,650 tests with their assessments."""
     history = History(*UNIT)
 
     def add(numbers: range) -> None:
@@ -99,7 +99,7 @@ def test_nothing_is_made_before_the_first_test(path: Path):
 
 
 def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path: Path):
-    """As a loss of power leaves it: the log in part, and the file as it was before."""
+    """As after a power failure: the log is incomplete, and the file is as before."""
     running = History(*UNIT, path)
     for number in range(3):
         running.append(entry(number))
@@ -122,7 +122,7 @@ def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path:
 
 @pytest.mark.long
 def test_history_survives_being_killed_again_and_again(path: Path):
-    """A process that appends without end is killed; the next one finds all that was reported."""
+    """A process that appends continuously is killed; the next one reads all reported tests."""
     reported = 0
     for kill in range(5):
         with subprocess.Popen(
@@ -134,7 +134,7 @@ def test_history_survives_being_killed_again_and_again(path: Path):
             printed = [process.stdout.readline() for _ in range(3 + kill)]
             process.send_signal(signal.SIGKILL)
             printed += process.stdout.readlines()
-        # Each line is the number of tests, and nothing wrong.
+        # Each line is a number of tests; there is no other output.
         numbers = [int(line) for line in printed]
         assert numbers == list(range(reported + 1, reported + 1 + len(numbers)))
         found, problem = hours(path)
@@ -193,14 +193,14 @@ def test_full_disk_is_reported_and_caught_up_with(path: Path):
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[None]:
-    """Nothing in a folder can be written, by root neither."""
+    """Make a folder read-only, even for root."""
     is_root = os.geteuid() == 0
     paths = [folder, *folder.iterdir()]
     modes = [item.stat().st_mode for item in paths]
     for item in paths:
         item.chmod(0o555)
     if is_root:
-        # pytest's folders are open to their owner alone.
+        # pytest creates folders that are accessible only to their owner.
         for parent in list(folder.parents)[:4]:
             if parent != Path("/tmp") and parent.stat().st_mode & 0o7777 == 0o700:
                 parent.chmod(0o711)
@@ -221,7 +221,7 @@ def test_history_on_read_only_media_is_read_and_continued_in_memory(path: Path, 
         writer.append(entry(number))
     media = path.parent
     if is_killed:
-        # With a write-ahead log that nobody has transferred.
+        # The write-ahead log has not been transferred into the file.
         media = path.parent.with_name("media")
         shutil.copytree(path.parent, media)
     writer.close()
@@ -263,7 +263,7 @@ def test_closed_history_writes_no_more(path: Path):
 @pytest.mark.parametrize(
     "damaged_record",
     [
-        # One digit of one figure: it is JSON still.
+        # One digit of a number is changed, so that it is still JSON.
         "replace(record, '0.01', '0.02')",
         "CAST(record || x'ff' AS TEXT)",
     ],
@@ -293,7 +293,7 @@ def test_truncated_file_is_set_aside_whole(path: Path, share: float):
     assert found == [10.0 * number for number in range(len(found))]
     assert "renamed to flap.set_aside_1.sqlite" in problem
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == damaged
-    # What could be read of it is in the new file.
+    # Readable tests are in the new file.
     assert hours(path) == (found, "") if found else not path.exists()
 
 
@@ -380,7 +380,7 @@ COPIED = "INSERT INTO test SELECT {1}, record, crc32 FROM test WHERE number = {0
         ([DELETED.format(2), DELETED.format(3)], "tests 2 to 3 are missing", [1, 4, 5]),
         ([DELETED.format(5)], "test 5 is missing", [1, 2, 3, 4]),
         ([DELETED.format(1)], "test 1 is missing", [2, 3, 4, 5]),
-        # The numbers closed up behind it.
+        # The later numbers close the gap.
         (
             [DELETED.format(2), *(MOVED.format(n, n - 1) for n in (3, 4, 5))],
             "test 2 is damaged: its checksum is wrong, and 3 further defects",
@@ -430,6 +430,6 @@ def test_history_that_lacks_a_table_is_set_aside_with_its_tests_kept(path: Path,
     found, problem = hours(path)
     assert f"no such table: {table}" in problem
     assert "renamed to" in problem
-    # Of whom it is nobody knows without the table of the unit.
+    # Without the table of the unit, it is unknown to which unit the tests belong.
     assert found == ([] if table == "unit" else [0.0, 10.0, 20.0])
     assert hours(path) == (found, "")

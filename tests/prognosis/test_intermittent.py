@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fault that comes and goes warns until a person acknowledges it."""
+"""An intermittent fault warns until a person acknowledges it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_fault_in_every_so_many_tests_is_never_ok_again(settings: PrognosisSetti
     again = 10 + 2 * every - 1
     # From its first occurrence on.
     assert min(levels(made[again - every :])) >= WARN
-    # In a test that shows it, the fault is there.
+    # A test that shows the fault reports it.
     assert made[again].health.level == ERROR
     assert made[-1].health.level == ERROR
     assert max(one.health.health_index for one in made[again:]) == 0.0
@@ -77,7 +77,7 @@ def test_single_occurrence_warns_until_fourteen_tests_are_without_it(settings: P
     made = outlooks([0.02] * 5 + [0.8] + [0.02] * 20, settings)[1]
     assert min(levels(made[5:19])) >= WARN
     assert max(levels(made[7:19])) == WARN
-    # The level falls with one more test, as each level does.
+    # The level falls after one more test, like each level.
     assert levels(made[20:]) == [OK] * 6
     assert made[6].health.health_index == 0.0
     words = "friction was beyond its limit in one of the latest 4 tests: 11 more tests without it"
@@ -128,7 +128,7 @@ def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_
     course = [0.02] * 5 + [0.8, 0.02, 0.8] + [0.02] * 5
     unit, made = outlooks(course, settings, Unit(History(*UNIT, path), settings))
     assert made[-1].health.level == WARN
-    unit.note("Ada", "a bag was changed")  # of the newest test, not of the event
+    unit.note("Ada", "a bag was changed")  # the stamp of the newest test, not of the event
     outlook = unit.resume(None, settings)
     assert outlook is not None
     assert outlook.health.level == WARN
@@ -140,7 +140,7 @@ def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_
     outlook = again.resume(None, settings)
     assert outlook is not None
     assert outlook.health.level == OK
-    # It comes back: two more occurrences count anew.
+    # The fault returns: two more occurrences count from zero.
     made = outlooks([0.8, 0.02, 0.8, 0.02], settings, again, first=len(course) + 3)[1]
     assert made[-1].health.level >= WARN
     assert "in 2 of the latest 12 tests" in cause_of_level(made[-1])
@@ -163,7 +163,7 @@ def test_tests_that_hide_the_fault_report_nothing_of_it():
 
 
 def failing(course: str, settings: PrognosisSettings, unit: Unit, first: int = 0) -> list[Outlook]:
-    """Outlooks after tests that failed (f) or were healthy (.)."""
+    """Return the outlooks after tests that failed (f) or were healthy (.)."""
     made = []
     for number, letter in enumerate(course, first):
         test = made_test(number, valid=letter == ".", failed=letter == "f", friction=0.02)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth laws as users write them, and what every registered law must do, whatever it is."""
+"""Growth laws in text form, and properties of every registered law."""
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ FIGURES = {
     "drift": (5e-4, 0.0, 1e-3),
     "jumps": (3e-4, 4.0, 0.01),
 }
-"""Rate, shape and third figure of a life of some thousand hours; laws without growth have none."""
+"""Rate, shape and third parameter for a life of some thousand hours, for laws with growth."""
 
 each = pytest.mark.parametrize("name", FIGURES)
 
@@ -112,7 +112,8 @@ def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
     np.testing.assert_allclose(values[0], 0.25)
     passed = np.maximum.accumulate(values, axis=0) >= LIMIT
     for at in (20, 40, 59):
-        # Two binomial shares of 4,000 samples, four standard errors, the first order, and steps.
+        # Tolerance: two binomial shares of 4,000 samples, four standard errors, first order and
+        # steps.
         assert passed[at].mean() == pytest.approx(np.mean(ends <= hours[at]), abs=0.06)
 
 
@@ -171,7 +172,7 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
     left = float(law.hours_until(values[-1:], of)[0])
     assert one.dominant_fault == "friction"
     assert one.overall.hours_05 < left < one.overall.hours_95
-    # Some thirty jumps, which a gap hides in part, tell rate and bend to a factor of two.
+    # Some thirty jumps, partly hidden by a gap, determine rate and bend to a factor of two.
     most = {"jumps": 2.0, "drift": 1.3}.get(name, 1.1)
     assert 1.0 / most < one.overall.hours_50 / left < most
     reported = [
@@ -187,14 +188,14 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
 
 @pytest.mark.parametrize("name", ["archard", "self_heating", "power"])
 def test_each_law_has_the_same_bends_and_one_between_two_errs_by_little(name):
-    """Seen over three quarters of life: by less than half of the 20 % that a prediction may."""
+    """Over three quarters of life, the error is below half of the 20 % allowed for a prediction."""
     law, bends, left = TRACKED_LAWS[name], [], []
     for curve in law.curves(LIMIT):
         of = Figures(*np.array([[1.0], [1.0], [curve.shape], [0.0], [LIMIT]]))
         until, hour = law.hours_until(np.zeros(1), of), np.full(1, 1e-8)
         now = law.increment(np.zeros(1), of, 0.75 * until)
         bends += (law.increment(np.full(1, LIMIT), of, hour) / hour * until / LIMIT).tolist()
-        # In hours that the rest would take at the speed of now.
+        # Hours that the rest of the growth would take at the current speed.
         speed = law.increment(now, of, hour) / hour
         left += (0.25 * until * speed / (LIMIT - now)).tolist()
     assert bends == pytest.approx(BENDS, rel=1e-4)

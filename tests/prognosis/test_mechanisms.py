@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each mechanism of growth can be switched off, and then has no part in a prediction."""
+"""Each mechanism of growth can be switched off, and then does not affect a prediction."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_all_mechanisms_have_a_part_by_default():
     assert 0.0 < cells.prior[cells.wanders].sum() < cells.prior.sum()
     assert np.all(whole.waves.prior > 0.0)
     empty = {name for name, part in cells.slices.items() if cells.prior[part].size == 0}
-    assert empty == {"exponential"}  # it has the curves of archard
+    assert empty == {"exponential"}  # It has the curves of archard.
 
 
 @pytest.mark.parametrize("law", ["jumps", "logistic"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of prognosis against closed forms."""
+"""Metrics of prognosis compared with closed forms."""
 
 import math
 
@@ -15,7 +15,7 @@ TRUTH = END - HOURS
 
 
 def certain(rul):
-    """Return a distribution without width about each prediction."""
+    """Return a distribution without width at each prediction."""
     return np.tile(np.asarray(rul)[:, None], (1, 4))
 
 
@@ -42,7 +42,7 @@ def test_cumulative_accuracy_is_the_mean_over_the_part_of_life_that_is_asked_for
 
 
 def test_accuracy_on_event_time_flatters():
-    """Of no use at all late in life, and yet close to 1 on the time of the event."""
+    """A prediction that is useless late in life scores close to 1 on the time of the event."""
     late = HOURS >= 500.0
     useless = np.zeros(late.sum())
     on_event = metrics.accuracy_on_event_time(HOURS[late], useless, END)
@@ -80,7 +80,7 @@ def test_lambda_judges_the_latest_prediction_up_to_its_time():
     probability = np.where(HOURS < 755.0, 0.9, 0.2)
     assert metrics.at_lambda(HOURS, probability, END, 0.759) == 0.9
     assert metrics.at_lambda(HOURS, probability, END, 0.76) == 0.2
-    # From a first prediction at 200 h on, a half of the rest of life is over at 600 h.
+    # With a first prediction at 200 h, half of the remaining life is over at 600 h.
     assert metrics.at_lambda(HOURS, HOURS, END, 0.5, first_hours=200.0) == 600.0
     assert metrics.at_lambda(HOURS[50:], np.ones(50), END, 0.25) == 0.0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which of the tests is the newest where the stamps do not show it, and what it gives."""
+"""Order of tests if stamps do not show which is the newest, and the resulting level."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +52,7 @@ def test_clock_that_goes_back_leaves_the_order_to_the_reception():
         test = stamped(now_ns - S, number + 3, friction=0.8)
         outlook = unit.update(test, None, LIVE, received_ns=now_ns)
         assert outlook is not None
-        # Stamps of messages are those of the telemetry.
+        # Stamps of messages equal those of the telemetry.
         assert (outlook.stamp_ns, outlook.claim.measured_ns) == (test.end_ns, test.end_ns)
         assert outlook.claim.good_until_ns == test.end_ns + 30 * S
         levels.append(level_at(outlook, now_ns + S))
@@ -118,7 +118,7 @@ def test_test_that_comes_again_does_not_renew_the_claim():
 
 @pytest.mark.parametrize("spread_s", [0.0, 1.0, 50.0])
 def test_without_a_clock_the_order_of_reception_counts(spread_s: float):
-    """Stamps that restart at each power-on, a test a day."""
+    """Stamps restart at each power-on, with a test per day."""
     rng = np.random.default_rng(1)
     settings = replace(NO_CLOCK, good_for_s=3 * 86_400.0)
     unit = Unit(History(*UNIT), settings)
@@ -164,7 +164,7 @@ def test_stamps_that_go_back_within_a_bag_are_noticed():
     stamps = [(10, 20), (30, 40), (0, 5)]
     tests = [StampedTest(*one, "a", one) for one in stamps]
     assert "went back" in text_of(unordered(tests)["a"])
-    # A recording of a loop, and bags that are given in any order.
+    # A recording of a looped bag, and bags given in any order.
     assert unordered([*tests[:2], *tests[:2]]) == {}
     assert unordered([StampedTest(*one, str(one), one) for one in stamps]) == {}
 

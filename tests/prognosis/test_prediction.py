@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Remaining useful life: first passage, duty, horizon, future of the faults, what is waited for."""
+"""Remaining useful life: first passage, duty, horizon, future faults, and tests to wait for."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ BACKLASH = COMPONENTS.index("backlash")
 
 
 def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, float]:
-    """Return what is sure of the law, rate and level of a backlash, and the rate on the grid."""
+    """Return a mixture certain of law, rate and level of a backlash, and its rate on the grid."""
     known = KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)
     mixture = Mixture(LIMITS, TrackerSettings(laws={**NOMINAL_LAWS, "backlash": known}))
     cells, of_it = mixture.bank.cells, mixture.members[BACKLASH]
@@ -53,7 +53,7 @@ def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, flo
 def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
     mixture, cell_rate = sure_of(law, rate, shape, x)
     rng = np.random.default_rng(0)
-    # The same rates as the cell holds, so that the noise alone is compared.
+    # The rates equal those of the cell, so that only the noise is compared.
     predicted = lives(draw(mixture, 4000, np.zeros(7), rng), rng)[BACKLASH]
     growth = Growth(law, cell_rate, shape, 1e-3 if law == "drift" else 0.3)
     passed = [hours_to_half(growth, x, rng) for _ in range(150)]
@@ -64,7 +64,7 @@ def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
 
 
 def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
-    """Return the hours in which a backlash grows to 0.5 in tests every 10 h [h]."""
+    """Return the hours in which a backlash grows to 0.5 with tests every 10 h."""
     before, after, hours = x, x, 0.0
     while after < 0.5:
         before = after
@@ -124,7 +124,7 @@ def test_overall_life_is_the_earliest_of_the_components(tracker):
 
 
 def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
-    """A fast short circuit that has just begun beside slow wear: the wear's life is no answer."""
+    """A fast short circuit has just begun next to slow wear; the life by wear is too long."""
     tracker = Tracker()
     growth = {
         "backlash": Growth("linear", 4e-4, noise=0.3),
@@ -180,7 +180,7 @@ def test_futures_are_fault_vectors_within_their_range(tracker):
     vectors = tracker.futures([0.0, 1e5], n=50)
     assert vectors.shape == (2, 50, 8)
     assert np.all((vectors >= 0.0) & (vectors <= HIGHEST))
-    # Growth that slows down may stop on the way.
+    # Growth that slows down may stop before the limit.
     assert np.mean(vectors[1, :, 0] == 1.0) > 0.8
     assert np.all(vectors[..., FAULT_NAMES.index("eccentricity_phase")] == 0.5)
 
@@ -192,7 +192,7 @@ def test_impossible_future_hours_are_refused(tracker, hours):
 
 
 def test_tests_until_growth_is_certain_are_predicted_from_the_evidence_of_a_test_so_far():
-    # From 0.5 to 0.05 in ten tests, a factor of 10; 1e-4 is 500 times less still: 27 tests.
+    # From 0.5 to 0.05 in ten tests is a factor of 10; 1e-4 is 500 times lower: 27 tests.
     words = growth_not_certain(0.05, 10)
     assert words == "growth is not certain yet: its probability is 0.950 (about 27 more tests)"
     assert growth_not_certain(1e-5, 3).endswith("(about 2 more tests)")
@@ -209,8 +209,8 @@ def test_tests_until_growth_is_certain_are_predicted_from_the_evidence_of_a_test
     ],
 )
 def test_tests_until_a_life_is_within_the_horizon_are_reported(median: float, words: str):
-    # 100 h in 11 tests, ten times as far ahead: in 91 h more, 1,909 h are left and looked ahead.
-    # Tests are ten hours apart.
+    # 11 tests in 100 h, looking ten times as far ahead: after 91 h more, 1,909 h are left and
+    # within the horizon.
     assert beyond_horizon(median, 100.0, 11, TrackerSettings(horizon_factor=10.0)) == words
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What faults do to required performance, its limits, health as to it, and when it fails."""
+"""Effects of faults on required performance, its limits, its health, and its failure."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def covariance(sigma=0.01):
 
 
 def without_phase(sigma):
-    """The covariance where the direction of eccentricity is unobservable."""
+    """Return the covariance in which the direction of eccentricity is unobservable."""
     P = covariance(sigma)
     P[PHASE], P[:, PHASE] = np.nan, np.nan
     return P
@@ -82,7 +82,7 @@ def test_sigma_is_the_spread_of_performance_over_samples_of_the_faults(requireme
     performance = requirements.model.performance(samples)
     for item in requirements.judge(k, P).healths:
         spread = float(np.std(getattr(performance, item.name)))
-        # 2,000 samples show a spread to 1.6 %, and curvature adds a little.
+        # 2,000 samples determine a spread to 1.6 %, and curvature adds a little.
         assert item.sigma == pytest.approx(spread, rel=0.08)
 
 
@@ -144,7 +144,7 @@ def along(name, values):
 
 
 def moved_by_monitor_model(command: Command, faults, dt):
-    """User-shaft angle [rad] and motor speed [rad/s] of the monitor model, a sample a step."""
+    """Return user-shaft angle [rad] and motor speed [rad/s] of the monitor model for each step."""
     samples = np.concatenate([[0.0], command.sample(dt)])
     rest = np.zeros(len(samples))
     window = Window(Telemetry(0, dt, 1, samples, rest, rest, rest))
@@ -164,7 +164,7 @@ def test_tracking_error_is_that_of_the_monitor_model(model, faults):
     k = fault_vector(faults)
     command, position, _ = moved_by_monitor_model(THESIS_CHIRP, k, model.dt)
     expected = np.abs(command - position).max()
-    # The monitor reads the command between samples by a straight line, which is 0.1 um off.
+    # The monitor interpolates the command linearly between samples, an error of 0.1 um.
     assert model.performance(k).tracking_error[0] == pytest.approx(expected, rel=1e-3)
 
 
@@ -178,7 +178,7 @@ def test_healthy_torque_margin_follows_from_newton_and_ohm(model):
     left = (p.V_max - np.sign(torque) * p.k_e * before) / p.R_s
     available = p.k_e * np.minimum(left, min(p.I_max, p.T_max / p.k_e))
     needed = (np.abs(torque) / available)[turning].max()
-    # Where the step out of a standstill takes the most, that step is not in this sum.
+    # The step from a standstill may need the most torque; this sum does not include it.
     assert model.healthy["torque_margin"] == pytest.approx(1.0 - needed, abs=0.005)
 
 
@@ -195,7 +195,7 @@ def test_amplitude_of_a_steady_sine_falls_by_3_db_at_the_bandwidth(model, faults
     settled = slice(6 * per_period, 10 * per_period)
     fundamental = 2 * np.mean((position * np.exp(-1j * phase))[settled])
     ratio = abs(fundamental) / sine.amplitude
-    # 5 % of frequency, by which a sweep differs from steady sines, is at most 5 % of amplitude.
+    # A difference of 5 % in frequency between a sweep and steady sines is at most 5 % in amplitude.
     assert ratio == pytest.approx(HALF_POWER, rel=0.05)
 
 
@@ -265,7 +265,10 @@ HOURS = np.linspace(0.0, 1000.0, 61)
 
 
 def growing(name, end, seed, n=100):
-    """Samples of one fault that grows to about `end`, bent and spread, the others a little."""
+    """Return samples of one fault that grows, with curvature and scatter, to about `end`.
+
+    The other faults grow a little.
+    """
     rng = np.random.default_rng(seed)
     start = 0.05 * rng.random(8) + 0.005 * rng.standard_normal((n, 8))
     to = np.full(8, 0.05)
@@ -310,7 +313,7 @@ def test_first_failure_is_that_of_the_model_at_every_hour(requirements, fault, e
         both = np.isfinite(expected) & np.isfinite(found[name])
         assert both.sum() > 40
         missed = found[name][both] - expected[both]
-        # Twice what was seen over twelve such sets of samples.
+        # Twice the largest difference over twelve such sets of samples.
         assert np.sqrt(np.mean(missed**2)) < 0.04 * np.median(expected[both])
         estimated, right = (
             np.quantile(np.minimum(lives, HOURS[-1]), [0.05, 0.5, 0.95], method="inverted_cdf")
@@ -365,14 +368,14 @@ def test_sample_reaches_a_fault_limit_where_its_first_component_does():
     gone = still + 0.0
     gone[0, :, FAULT_NAMES.index("friction")] = 0.6
     np.testing.assert_array_equal(limit_passage(gone, hours, HealthLimits()), [0.0, np.inf, np.inf])
-    # A fault at the end of its range has reached a limit there.
+    # A fault at the end of its range has reached any limit there.
     gone[0, :, FAULT_NAMES.index("friction")] = 1.0
     assert limit_passage(gone, hours, HealthLimits(friction=1.0))[0] == 0.0
 
 
 @pytest.fixture
 def failures():
-    """Free play fails first in 60 of 100 samples, the torque margin in the others."""
+    """Return failures: free play fails first in 60 of 100 samples, torque margin in the others."""
     found = {name: np.full(100, np.inf) for name in REQUIREMENTS}
     found["free_play"] = np.linspace(100.0, 199.0, 100)
     found["torque_margin"] = np.where(np.arange(100) < 60, 500.0, 50.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counts of service life reach their unit; hours at its tests never go back or stand still."""
+"""Counts of service life reach their unit; hours at its tests always increase."""
 
 import math
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ DAY_NS = 86_400_000_000_000
 
 
 def counted_at(hours: Iterable[float | None]) -> list[Entry]:
-    """Tests with these counts; None where the count is that of the test before."""
+    """Return tests with these counts; None repeats the count of the test before."""
     entries, count = [], None
     for number, counted in enumerate(hours):
         estimate = made_test(number, friction=0.1)
@@ -47,14 +47,14 @@ def test_test_with_a_new_count_is_at_its_hours_at_once():
 
 
 def test_tests_on_one_count_are_interpolated_by_stamps_when_the_next_count_comes():
-    """Ten tests on one count were at one and the same hour, so that faults grew in zero time."""
+    """Ten tests with one count would have the same hour, so that faults would grow in zero time."""
     entries = counted_at([0.0, *[STALE] * 9, 100.0, *[STALE] * 3])
     service, events = added(entries)
     assert events == []
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
     stamps = [entry.stamp_ns for entry in entries]
     assert [test.stamp_ns for test in service.used] == stamps[:11]
-    # The tests since then wait; the hours published are those of the latest count.
+    # The later tests wait; the published hours are those of the latest count.
     assert (service.hours, service.unknown) == (100.0, "")
     assert all(one.hours < other.hours for one, other in pairwise(service.used))
 
@@ -148,9 +148,9 @@ def test_changed_count_is_used_where_the_next_confirms_it(counts, texts, hours):
     [
         ((0.0, 10.0, 20.0, 120.0), False),
         ((0.0, 10.0, 20.0, 121.0), True),
-        # Ten times the hours of as many test cycles.
+        # Ten times the hours per test cycle.
         ((0.0, 10.0, 20.0, STALE, STALE, 300.0), False),
-        # Two tests do not show how far apart they are, nor do tests at one and the same hour.
+        # Two tests do not show the hours between tests, nor do tests at the same hour.
         ((0.0, 10.0, 1000.0), False),
         ((5.0, 5.0, 5.0, 5.0, 1000.0), False),
         ((5.0, 4.0), True),
@@ -188,7 +188,7 @@ def test_hours_by_cycles_continue_from_the_latest_known():
     assert service.after(3, 7.0) == 21.0
     for entry in counted_at([100.0, 110.0]):
         service.add(entry)
-    # A third test cycle had no valid estimate.
+    # The third test cycle had no valid estimate.
     assert service.after(4, 7.0) == 124.0
     service.add(by_cycles(3, 124.0))
     assert [test.hours for test in service.used] == [100.0, 110.0, 124.0]
@@ -205,7 +205,7 @@ def test_tests_at_hours_by_cycles_are_left_out_once_hours_are_counted():
 
 
 def usage(*days_and_hours: tuple[float, float]) -> float:
-    """The usage by tests at days of the calendar and service hours."""
+    """Return the usage [h/day] from tests at days of the calendar and service hours."""
     service = ServiceHours()
     service.used = [
         TimedTest(FIRST_NS + int(day * DAY_NS), hours, number, True)
@@ -215,7 +215,7 @@ def usage(*days_and_hours: tuple[float, float]) -> float:
 
 
 def test_usage_is_that_of_the_last_ninety_days():
-    # 10 h a day at first, 4 h a day since.
+    # 10 h per day at first, and 4 h per day later.
     days = ((0, 0), (100, 1000), (150, 1200), (200, 1400))
     assert usage(*days) == pytest.approx(4.0)
 
@@ -283,13 +283,13 @@ def test_of_counts_of_one_stamp_one_that_names_the_unit_or_the_last_holds():
 
 
 def test_frequent_counts_do_not_push_out_the_one_that_applies():
-    """A hundred a second, for ten minutes: the window waits for its identification meanwhile."""
+    """A hundred counts per second arrive for ten minutes, while a window waits."""
     log = CountLog()
     log.add(A, count(1))
     for number in range(60_000):
         log.add(A, count(2 + number / 100))
     assert latest(log, A, 1.5) == 1
-    # The first of each second is kept.
+    # The first count of each second is kept.
     assert latest(log, A, 3.99) == 3
 
 
@@ -300,7 +300,7 @@ def test_counts_are_kept_within_bounds():
         log.add(A, count(number))
     assert math.isnan(latest(log, ("flap", "400")))
     assert latest(log, ("flap", "1499")) == 1499
-    # Heard of all the time; the latest thousand counts of it.
+    # Counts arrive all the time; the latest thousand are kept.
     assert math.isnan(latest(log, A, 499))
     assert latest(log, A, 500) == 500
 

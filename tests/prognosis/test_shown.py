@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A level needs every fault: each one is known for as long as the test that showed it."""
+"""A level needs every fault, and each fault counts only while the test that showed it is recent."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ def outlook_after(
     parameters: ActuatorParameters | None = None,
     **faults: float,
 ) -> Outlook:
-    """What follows from tests that hide some faults each, of a unit with faults."""
+    """Return the outlook after tests, each of which hides some of the faults of a unit."""
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, hidden in enumerate(course):
         seen: dict[str, Any] = {name: value for name, value in faults.items() if name not in hidden}
@@ -59,7 +59,7 @@ def test_fault_that_the_tests_stopped_showing_ends_ok(
         outlook = outlook.at(test.end_ns + 2 * S)
         if hiding_tests < 3:
             assert outlook.health.level == OK
-            # What service hours combine of several tests is slightly above 0.
+            # Service hours combined from several tests are slightly above 0.
             assert outlook.health.health_index == pytest.approx(1.0, abs=1e-3)
             continue
         assert outlook.health.level == STALE
@@ -111,7 +111,7 @@ def test_alarm_of_a_fault_stays_when_tests_stop_showing_it(
 
 
 def test_fault_that_needs_many_weak_tests_is_not_shown_by_the_latest():
-    """Its tracked sigma is small, and yet none of the latest tests would show a sudden fault."""
+    """Its tracked sigma is small, but none of the latest tests would show a sudden fault."""
     settings = replace(LIVE, service=HOURS)
     unit = Unit(History(*UNIT), settings)
     outlook = None
@@ -131,7 +131,7 @@ def test_fault_that_needs_many_weak_tests_is_not_shown_by_the_latest():
 def test_fault_that_was_shown_before_the_clock_went_back_is_not_recent(
     has_clock: bool, refused: bool
 ):
-    """How long ago that was is not known: the tests after the step are moved behind it."""
+    """The age of the test is unknown: the tests after the step are moved behind it."""
     settings = replace(LIVE, has_clock=has_clock)
     unit, first = Unit(History(*UNIT), settings), made_test(0)
     unit.update(first, None, settings, received_ns=first.end_ns)

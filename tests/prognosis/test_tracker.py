@@ -98,7 +98,7 @@ def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
     assert np.isnan(of(other, "gain").trend)
     assert of(other, "gain").tests == 0
     assert other.predict().components["gain"].reason == "fewer than two tests agree so far"
-    # Their track records are unknown alike; values that are no numbers are not equal as such.
+    # Their scores are equally unknown; NaN does not equal itself.
     assert repr(of(other, "friction")) == repr(of(one, "friction"))
 
 
@@ -111,7 +111,7 @@ def test_component_unobservable_for_a_while_grows_less_certain():
     after = of(tracker, "friction")
     assert after.sigma > before.sigma
     assert after.value == pytest.approx(before.value + 0.04, abs=2.0 * after.sigma)
-    # A rate may change while nothing is seen, and some of the curves are steep.
+    # A rate may change while the component is unobservable, and some of the curves are steep.
     assert after.sigma < 0.05
     assert after.tests == before.tests
 
@@ -123,7 +123,7 @@ def test_component_put_back_to_healthy_is_not_mistaken_for_exactly_healthy():
     item = of(tracker, "friction")
     assert abs(item.value) < 2.5 * SIGMA
     assert item.sigma > 0.3 * SIGMA
-    # A value just above what is set to healthy is then no surprise.
+    # A value just above the limit for setting to healthy is then no surprise.
     assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
 
 
@@ -143,7 +143,7 @@ def test_restored_and_frozen_trackers_state_the_same_as_the_one_they_are_of():
     whole, rng = Tracker(), np.random.default_rng(9)
     faults = [{"friction": 0.1, "eccentricity": 4e-3 * i} for i in range(60)]
     tests = [observed(10.0 * i, one, rng) for i, one in enumerate(faults)]
-    # A jump: a test is held back when the state is taken, and confirmed by the next.
+    # A jump: the state is stored while a test is held back, and the next test confirms it.
     tests[39:] = [replace(one, faults=one.faults + 0.2 * IS_FRICTION) for one in tests[39:]]
     for test in tests[:40]:
         whole.update(test)
@@ -188,7 +188,7 @@ def once_grown() -> Grown:
 
 @pytest.fixture
 def grown(once_grown: Grown) -> Grown:
-    """A copy of one's own."""
+    """Return an independent copy."""
     return deepcopy(once_grown)
 
 
@@ -249,7 +249,7 @@ def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     assert (event.kind, event.component, event.hours) == ("step", "friction", 610.0)
     after = of(tracker, "friction")
     assert after.value == pytest.approx(stepped[0], abs=4 * SIGMA)
-    # The exponential law itself goes (x + x_0) times faster at the higher level.
+    # The exponential law itself grows (x + x_0) times faster at the higher level.
     assert before.trend < after.trend < 3.0 * before.trend
     assert tracker._mixture.weight[own].max() < sure
     life = tracker.predict().components["friction"]
@@ -307,7 +307,7 @@ def test_life_does_not_start_from_a_wrong_first_test():
 
 @pytest.mark.slow
 def test_healthy_and_constant_actuators_have_no_events_and_no_remaining_life():
-    # 4 actuators of 7 components, 75 tests each; 13,000 such tests had none in a longer trial.
+    # 4 actuators of 7 components, with 75 tests each; 13,000 such tests had none in a longer trial.
     for seed in range(4):
         tracker, rng = Tracker(), np.random.default_rng(seed)
         levels = {"friction": 0.2, "short_circuit_b": 0.05, "gain": 0.4} if seed % 2 else {}

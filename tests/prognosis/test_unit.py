@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is published of one unit after its tests: from history, tracker, requirements and usage."""
+"""Published results of a unit after its tests, from history, tracker, requirements and usage."""
 
 import math
 from dataclasses import replace
@@ -57,14 +57,14 @@ def test_life_is_reported_for_each_fault_and_requirement_and_the_earlier_of_both
     assert (last.hours, last.cycles, last.hours_per_cycle) == (600.0, 60, 10.0)
     assert {"friction", "backlash", "gain", *REQUIREMENTS} <= last.lives.keys()
     assert "no significant growth" in last.lives["gain"].reason
-    # Free play is backlash in other words: it fails at 49/99, shortly before 0.5.
+    # Free play is equivalent to backlash: it fails at 49/99, shortly before 0.5.
     assert last.lives["free_play"].hours_50 == pytest.approx(
         last.lives["backlash"].hours_50, rel=0.1
     )
     assert last.rul_requirements.hours_50 <= last.lives["free_play"].hours_50
     assert last.rul.hours_50 == min(last.rul_faults.hours_50, last.rul_requirements.hours_50)
     assert last.rul.hours_05 <= last.rul.hours_50 <= last.rul.hours_95
-    # By then friction and backlash leave too little torque.
+    # By then, friction and backlash leave too little torque.
     assert last.rul.criterion == last.rul_requirements.criterion == "torque margin falls below 0.5"
     assert last.dominant == "torque_margin"
 
@@ -75,8 +75,8 @@ def test_trends_are_those_of_the_laws(grown):
     assert trends["backlash"] == pytest.approx(6e-4, rel=0.25)
     # BLK (1 + 99 k_2) tau
     assert trends["free_play"] == pytest.approx(1e-5 * 99 * trends["backlash"], rel=1e-6)
-    # The model along the growth of friction and backlash, far enough to even out that the peak of
-    # the torque jumps from one turn of the motor to the next: 8 % in itself.
+    # The model along the growth of friction and backlash, over an interval long enough to average
+    # out that the peak torque jumps from one motor turn to the next: 8 % by itself.
     now = fault_vector({item.name: item.value for item in grown[1][-1].health.faults})
     growth = np.array([trends.get(name, 0.0) for name in FAULT_NAMES])
     growth *= [name in ("friction", "backlash") for name in FAULT_NAMES]
@@ -100,7 +100,7 @@ def test_health_is_that_of_the_tracked_values(grown):
 
 
 def test_healthy_actuator_gets_no_life_and_no_alarm():
-    """Of errors that a false alarm could be made of."""
+    """The measurement errors are large enough to cause a false alarm."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
     for number in range(20):
         estimate = made_test(number, seed=11, friction=0.0, backlash=0.0, gain=0.5)
@@ -185,7 +185,7 @@ def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
     first, second = (outlook.events for outlook in outlooks)
     assert str(first[0]).startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
-    # What is told is the value of the test, and not the one before.
+    # The reported value is that of the test, and not the value before.
     words = cause_of_level(outlooks[0])
     assert "friction 0.7 in the latest test, to be confirmed by the next test" in words
     assert any(str(event).startswith("step: friction") for event in second)
@@ -212,7 +212,7 @@ def test_requirement_that_a_healthy_actuator_misses_is_reported():
 
 
 def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
-    """The torque margin suffers from backlash that is well within its own limit."""
+    """Backlash well within its own limit reduces the torque margin."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
     estimates = [made_test(number, backlash=0.09) for number in range(3)]
     *_, last = [prognostics.update(one, PARAMETERS, TEN_HOURS) for one in estimates]
@@ -238,7 +238,7 @@ def test_what_is_not_known_to_grow_ends_no_life(grown, monkeypatch: pytest.Monke
     futures = Tracker.futures
 
     def of_wide_gain(*arguments: Any) -> Any:
-        """Futures of the gain, which is not known to grow, go anywhere."""
+        """Return futures in which the gain, which is not known to grow, takes any value."""
         paths = futures(*arguments)
         paths[1:, :, -1] = np.linspace(0.0, 1.0, paths.shape[1])
         return paths
@@ -246,7 +246,7 @@ def test_what_is_not_known_to_grow_ends_no_life(grown, monkeypatch: pytest.Monke
     monkeypatch.setattr(Tracker, "futures", of_wide_gain)
     outlook = unit.outlook(PARAMETERS, TEN_HOURS)
     assert outlook.rul_requirements == expected.rul_requirements
-    # Unknown lives hold NaN, which does not equal itself.
+    # Unknown lives are NaN, which does not equal itself.
     assert repr(outlook.lives) == repr(expected.lives)
 
 
@@ -265,7 +265,7 @@ def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
 
 
 def test_first_test_alone_ends_no_life():
-    """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
+    """Even a very bad first test may be an outlier: the tracker waits for one that agrees."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
     outlook = prognostics.update(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
     assert outlook is not None
@@ -274,7 +274,7 @@ def test_first_test_alone_ends_no_life():
 
 
 def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
-    """It did for good, and the test after it had no service hours."""
+    """A permanent switch would leave the test after it without service hours."""
     prognostics = Unit(History(*UNIT))
     cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
     outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
@@ -289,7 +289,7 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
 
 @pytest.mark.slow
 def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
-    """Counted before every fifth test alone: the prognosis is that of hours counted before each."""
+    """Counts arrive only before every fifth test; the prognosis equals that with all counts."""
     sparse = [worn(n, 10.0 * n if n % 5 == 0 else math.nan) for n in range(26)]
     prognostics = Unit(History(*UNIT))
     outlooks = follow(prognostics, sparse)
@@ -299,13 +299,13 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     assert expected is not None
     assert last.rul_faults.known
     assert last.rul_faults.hours_50 == pytest.approx(expected.rul_faults.hours_50, rel=1e-6)
-    # Between counts, life is given from the latest count on, and levels rest on the test itself.
+    # Between counts, life starts from the latest count, and levels rest on the test itself.
     counted_last, between = outlooks[20], outlooks[23]
     assert counted_last is not None
     assert between is not None
     assert (between.hours, between.rul_faults) == (200.0, counted_last.rul_faults)
     single = assess(prognostics.history.entries[23].estimate, HealthLimits())
-    # What the tracker holds is NaN, which does not equal itself.
+    # The tracker holds NaN, which does not equal itself.
     assert repr(between.health.faults) == repr(single.faults)
     assert all(event.kind == "fault" for item in outlooks if item for event in item.events)
 
@@ -313,7 +313,7 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
 @pytest.mark.slow
 @pytest.mark.parametrize("is_worn", [True, False])
 def test_one_count_too_high_raises_no_alarm(is_worn: bool):
-    """Growth is not extrapolated to hours that nothing has confirmed; alarms do not wait."""
+    """Growth is not extrapolated to unconfirmed hours, but alarms do not wait."""
     outlooks = []
     prognostics = Unit(History(*UNIT))
     for number in range(24):
@@ -326,13 +326,13 @@ def test_one_count_too_high_raises_no_alarm(is_worn: bool):
     assert max(levels) <= (WARN if is_worn else OK)
     assert "went from 200 h to 50000 h" in outlooks[20].rul.reason
     single = assess(prognostics.history.entries[20].estimate, HealthLimits())
-    # What the tracker holds is NaN, which does not equal itself.
+    # The tracker holds NaN, which does not equal itself.
     assert repr(outlooks[20].health.faults) == repr(single.faults)
     assert outlooks[20].health.health_index == single.health_index > 0.7
 
 
 def after(*tests: Estimate) -> list[Outlook]:
-    """What is said after each test of a new unit."""
+    """Return the outlook after each test of a new unit."""
     found = Unit(History(*UNIT), TEN_HOURS).follow(tests, None, TEN_HOURS)
     return [outlook for _, outlook in found if outlook is not None]
 
@@ -376,7 +376,7 @@ def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
         follow(prognostics, [worn(0, valid=False)] * 2, TEN_HOURS)
         prognostics.history.close()
     prognostics = Unit(History(*UNIT, path), TEN_HOURS)
-    # The same window with an estimate is taken, but is no further cycle.
+    # The same window with an estimate is used, but is no further cycle.
     first, second = follow(prognostics, [worn(0), worn(1)], TEN_HOURS)
     prognostics.history.close()
     assert first is not None
@@ -394,7 +394,7 @@ def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test(
         outlook = prognostics.update(estimate, None, COUNTED, count)
         assert outlook is not None
         cycles.append(outlook.cycles)
-    # Where none are counted, those seen are added.
+    # Without counts, observed cycles are added.
     assert cycles == [20, 21, 22, 5_000_000, 24, 25, 26, 27]
 
 
@@ -407,7 +407,7 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
         assert not life.known
         assert "service hours are unknown" in life.reason
     estimate = prognostics.history.entries[-1].estimate
-    # What the tracker holds is NaN, which does not equal itself.
+    # The tracker holds NaN, which does not equal itself.
     assert repr(last.health.faults) == repr(assess(estimate, HealthLimits()).faults)
 
 

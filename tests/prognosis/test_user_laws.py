@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of growth that a user defines, from the public interface to a unit and its history."""
+"""Growth laws defined by a user, from the public interface to a unit and its history."""
 
 from dataclasses import dataclass, replace
 
@@ -53,7 +53,7 @@ def test_law_of_a_user_predicts_as_the_same_law_of_the_package():
     )
     np.testing.assert_allclose((value, sigma, trend), expected, rtol=1e-6)
     ours, shipped = (tracker.predict() for tracker in trackers)
-    # Rates between those of the grid are drawn upwards by one and downwards by the other.
+    # Rates between those of the grid are drawn upwards by one law and downwards by the other.
     levels = [0.05, 0.5, 0.95]
     np.testing.assert_allclose(
         np.quantile(ours.samples, levels), np.quantile(shipped.samples, levels), rtol=0.02
@@ -80,7 +80,7 @@ def test_unit_and_its_history_use_the_law_of_a_user(tmp_path):
     last = outlooks[-1]
     assert last is not None
     assert last.rul_faults.known
-    # What another code of the law has learnt is not taken up: all tests are fed anew.
+    # Growth learned with other code of the law is not used: all tests are replayed.
     stored = unit.growth.state()
     entries = unit.history.entries
     again = type(unit.growth)(settings.limits, settings.tracker, entries, stored)

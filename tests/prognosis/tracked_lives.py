@@ -25,7 +25,7 @@ def observed(
     sigma: float = SIGMA,
     unobservable: Iterable[str] = (),
 ) -> Measurement:
-    """Return a test of some faults; what is not significant is set to healthy."""
+    """Return a test of some faults; components that are not significant are set to healthy."""
     faults = fault_vector(faults)
     if rng is not None:
         faults = np.clip(faults + sigma * rng.standard_normal(8), 0.0, HIGHEST)
@@ -45,7 +45,7 @@ def feed(
     every: float = 10.0,
     after: float = 0.0,
 ) -> tuple[list[Event], NDArray[np.float64]]:
-    """Grow faults, test them every few hours and return events and the last true faults."""
+    """Grow faults, test them every few hours, and return events and the last true faults."""
     k = fault_vector(faults or {})
     noise = np.random.default_rng(1)
     events: list[Event] = []
@@ -58,7 +58,7 @@ def feed(
 
 
 def of(tracker: Tracker, name: str) -> TrackedFault:
-    """Return what a tracker knows of a component."""
+    """Return the tracked state of a component."""
     return next(item for item in tracker.components() if item.name == name)
 
 
@@ -68,7 +68,7 @@ def growing(tracker: Tracker, name: str) -> float:
 
 
 def laws_of(tracker: Tracker, name: str) -> dict[str, float]:
-    """Return the probability of each law of a component; that under a wave is linear."""
+    """Return the probability of each law of a component; a law under a wave counts as linear."""
     mixture, number = tracker._mixture, COMPONENTS.index(name)
     cells, own = mixture.bank.cells, mixture.component == number
     laws = {law: mixture.weight[part][own[part]].sum() for law, part in cells.slices.items()}
