@@ -61,7 +61,7 @@ def grow(unit: Unit, tests: range, settings: PrognosisSettings = TEN_HOURS) -> l
     return outlooks
 
 
-def test_fan_begins_at_the_tracked_value_and_passes_the_limit_about_the_median_life(life):
+def test_fan_begins_at_the_tracked_value_and_passes_the_limit_near_the_median_life(life):
     outlook, fan = life.outlooks[29], life.fan
     [now] = [item.value for item in outlook.health.faults if item.name == "friction"]
     _, median, _ = fan.values["friction"]
@@ -89,7 +89,7 @@ def test_without_service_hours_there_is_neither_fan_nor_advice():
     assert advise(outlook, COSTS).action == "unknown"
 
 
-def test_axis_reaches_behind_the_likely_end_of_life_but_not_far_beyond_what_was_observed():
+def test_axis_extends_past_the_likely_end_of_life_but_not_far_past_the_observations():
     life = RemainingLife(True, 80.0, 100.0, 130.0, "")
     assert hours_ahead(life, 500.0) == pytest.approx(143.0)
     assert hours_ahead(life, 50.0) == pytest.approx(100.0)
@@ -97,7 +97,7 @@ def test_axis_reaches_behind_the_likely_end_of_life_but_not_far_beyond_what_was_
     assert hours_ahead(RemainingLife.unknown("", ""), 500.0) == pytest.approx(30.0)
 
 
-def test_earlier_of_two_lives():
+def test_distribution_of_the_earlier_of_two_lives():
     one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
     other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
     unknown = RemainingLife.unknown("none", "no growth")
@@ -111,7 +111,7 @@ def test_earlier_of_two_lives():
 
 
 @pytest.mark.parametrize(("risk", "hours"), [(0.01, 10.0), (0.05, 50.0), (0.2, 200.0)])
-def test_as_many_units_fail_before_their_removal_as_is_accepted(risk: float, hours: float):
+def test_share_of_units_that_fail_before_removal_is_the_accepted_one(risk: float, hours: float):
     removal = removal_of(LIFETIME, LIVES, risk, hours_per_cycle=2.0, hours_a_day=8.0)
     assert removal.hours == hours
     assert np.mean(removal.hours > LIVES) < risk <= np.mean(removal.hours >= LIVES)
@@ -124,12 +124,14 @@ def test_as_many_units_fail_before_their_removal_as_is_accepted(risk: float, hou
     # quantile.
     [(8.0, 0.01, 8.0), (8.0, 0.05, 8.0), (300.0, 0.2, 300.0)],
 )
-def test_published_quantiles_are_not_contradicted(hours_05: float, risk: float, hours: float):
+def test_removal_does_not_contradict_published_quantiles(
+    hours_05: float, risk: float, hours: float
+):
     life = RemainingLife(True, hours_05, 500.0, 950.0, "")
     assert removal_of(life, LIVES, risk, math.nan, math.nan).hours == hours
 
 
-def test_removal_of_which_something_is_unknown_stays_so():
+def test_removal_with_an_unknown_part_stays_unknown():
     unknown = removal_of(RemainingLife.unknown("", "why"), np.empty(0), 0.05, 2.0, 8.0)
     assert all(map(math.isnan, (unknown.hours, unknown.cycles, unknown.days)))
     known = removal_of(LIFETIME, LIVES, 0.05, math.nan, math.nan)
@@ -150,7 +152,7 @@ def decision(lives: np.ndarray, hours: float = 0.0, interval: float = 10.0, **co
     return Decision(replace(COSTS, **costs), hours, interval, lives)
 
 
-def test_age_replacement_of_a_weibull_life_is_that_of_renewal_theory():
+def test_age_replacement_of_a_weibull_life_agrees_with_renewal_theory():
     # Barlow and Proschan: h(T) int_0^T R - F(T) = c_p / (c_f - c_p); shape 2, scale 100, costs 1
     # and 5. Its root was computed by bisection on a fine grid.
     t = np.linspace(0.0, 300.0, 300_001)
@@ -165,14 +167,14 @@ def test_age_replacement_of_a_weibull_life_is_that_of_renewal_theory():
     assert found.removal_hours == pytest.approx(best, rel=0.1)
 
 
-def test_life_without_memory_is_never_cut_short():
+def test_memoryless_life_is_never_cut_short():
     """A removal before the failure saves nothing if the new unit is no better."""
     lives = weibull(1.0, 100.0)
     found = decision(lives, interval=1e5).remove()
     assert found.removal_hours == pytest.approx(lives[-1])
 
 
-def test_certain_end_is_waited_for_as_long_as_a_test_comes_before_it():
+def test_removal_before_a_certain_end_waits_while_a_test_comes_before_it():
     near, far = np.full(N, 15.0), np.full(N, 25.0)
     assert decision(near, 500.0).remove().rate < decision(near, 500.0, 20.0).wait().rate
     assert decision(far, 500.0).wait().rate < decision(far, 500.0).remove().rate
@@ -182,14 +184,14 @@ def test_certain_end_is_waited_for_as_long_as_a_test_comes_before_it():
     assert late.remove().removal_hours == pytest.approx(25.0)
 
 
-def test_missing_tests_make_waiting_dearer():
+def test_missing_tests_increase_the_cost_of_waiting():
     lives = np.linspace(12.0, 60.0, N)
     sure = decision(lives, 500.0)
     assert replace(sure, missing_share=0.3).wait().rate > 1.2 * sure.wait().rate
     assert replace(sure, missing_share=1e-9).wait().rate == pytest.approx(sure.wait().rate)
 
 
-def test_waiting_is_worth_less_where_the_tests_are_uninformative():
+def test_waiting_is_worth_less_if_the_tests_are_uninformative():
     lives = np.concatenate(
         [np.linspace(10.5, 80.0, N // 10), np.linspace(300.0, 900.0, N - N // 10)]
     )
@@ -207,7 +209,7 @@ def two_levels() -> tuple[Decision, np.ndarray]:
     return made, levels
 
 
-def test_inspection_pays_where_it_reports_what_a_removal_hangs_on():
+def test_inspection_pays_if_its_result_decides_the_removal():
     made, levels = two_levels()
     least = min(made.remove().rate, made.wait().rate)
     inspected = made.inspect(levels)
@@ -218,7 +220,7 @@ def test_inspection_pays_where_it_reports_what_a_removal_hangs_on():
     assert dear.inspect(levels).rate > least
 
 
-def test_inspection_that_reports_nothing_costs_what_it_costs():
+def test_uninformative_inspection_adds_only_its_cost():
     made, levels = two_levels()
     reported = np.random.default_rng(2).permutation(levels)
     assert made.inspect(reported).rate > min(made.remove().rate, made.wait().rate)
@@ -238,7 +240,7 @@ def test_without_usable_costs_there_is_no_advice(life, costs: Costs, words: str)
     assert math.isnan(found.hours)
 
 
-def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit(life):
+def test_advice_changes_from_continue_to_remove_before_the_limit(life):
     early = advise(life.outlooks[2], COSTS)
     assert (early.action, math.isnan(early.rate)) == ("continue", True)
     assert "the remaining life is unknown" in early.reason
@@ -254,7 +256,7 @@ def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit(life):
     assert "kEUR/h" in actions[44].reason
 
 
-def test_failed_unit_is_to_be_removed_now(life):
+def test_failed_unit_is_advised_to_be_removed_at_once(life):
     found = advise(life.outlooks[-1], COSTS)
     assert (found.action, found.from_now, found.probability) == ("remove", 0.0, 1.0)
     assert found.reason.startswith("Remove now: failed since")
@@ -279,7 +281,7 @@ def outlook(level: int, *items: FaultHealth, reason: str = "", **changes: object
     return replace(unknown_outlook(""), health=health, **changes)
 
 
-def test_cause_names_what_has_the_level_with_value_and_limit():
+def test_cause_names_the_item_that_determines_the_level_with_value_and_limit():
     assert cause_of_level(outlook(OK)) == ""
     words = "torque margin 0.59 (warns below 0.62, fails below 0.5)"
     assert cause_of_level(outlook(WARN, MARGIN)) == words
@@ -303,7 +305,7 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
     )
 
 
-def test_unit_that_failed_is_to_be_removed_even_when_its_health_is_stale():
+def test_failed_unit_is_advised_to_be_removed_even_if_its_health_is_stale():
     lives = {"free_play": RemainingLife.unknown("free play exceeds 0.5 mrad", "")}
     failed = outlook(ERROR, PLAY, lives=lives, hours=170.0, failed_since=150.0)
     words = "Remove now: failed since 150 h (now 170 h): free play exceeds 0.5 mrad"
@@ -314,7 +316,7 @@ def test_unit_that_failed_is_to_be_removed_even_when_its_health_is_stale():
     assert removal_in_words(unknown_since) == "Remove now: failed: free play exceeds 0.5 mrad"
 
 
-def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
+def test_life_that_ends_beyond_the_horizon_has_no_median_hour():
     life = RemainingLife(True, 20.0, math.inf, math.inf, "friction exceeds 0.5")
     removal = Removal(hours=20.0)
     words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
@@ -322,7 +324,7 @@ def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
     assert "median end of life beyond the horizon" in words
 
 
-def test_a_removal_is_reported_in_hours_cycles_and_days_at_the_risk_that_is_accepted():
+def test_removal_is_reported_in_hours_cycles_and_days_at_the_accepted_risk():
     life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
     removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
     words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))

@@ -57,7 +57,7 @@ def repaired(law: tuple[float, float, float], seed: int, later: int) -> tuple[Un
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=list(LAWS))
 @pytest.mark.parametrize("seed", [1, 2])
-def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
+def test_no_life_is_reported_before_five_tests_after_a_repair(law, seed):
     unit, made = repaired(law, seed, later=12)
     kinds = [[event.kind for event in one.events] for one in made]
     last = max(number for number, some in enumerate(kinds) if "repair" in some)
@@ -78,7 +78,7 @@ def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
     assert repr(again.rul) == repr(made[-1].rul)
 
 
-def test_state_of_the_tracker_has_the_repair():
+def test_state_of_the_tracker_includes_the_repair():
     unit, _ = repaired(LAWS["all grow"], 1, later=3)
     tracker = unit.growth.tracker
     assert tracker.unsupported
@@ -89,7 +89,7 @@ def test_state_of_the_tracker_has_the_repair():
     assert restored.tracker.unsupported == tracker.unsupported
 
 
-def test_no_removal_that_is_due_is_next_to_ok():
+def test_removal_that_is_due_is_never_next_to_ok():
     healthy = Health(OK, 0.9, 0, 1.0, "", reason="a remark")
     health = warned_if_due(healthy, Removal(0.05, 0.0))
     assert (health.level, health.severity) == (WARN, 1)

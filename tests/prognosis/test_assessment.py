@@ -70,7 +70,7 @@ def kinds(unit: Unit) -> list[tuple[float, str, str]]:
     ]
 
 
-def test_assessment_is_the_same_from_its_text():
+def test_assessment_survives_conversion_to_text():
     event = UnitEvent(7, math.nan, "fault", "friction 0.2 (fails above 0.5)")
     whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
     assert str(read_assessment(assessment_text(whole))) == str(whole)
@@ -91,7 +91,7 @@ def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
     assert [one.level for one in again.assessments.values()] == [OK, ERROR, OK]
 
 
-def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
+def test_damaged_assessment_renames_the_file_and_loses_no_test(path: Path):
     lived(path, [0.05, 0.06, 0.07])
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE assessment SET record = replace(record, '\"level\": ', '\"level\": 1')")
@@ -101,14 +101,14 @@ def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
     history.close()
 
 
-def test_failure_is_dated_over_a_restart(path: Path):
+def test_failure_keeps_its_date_over_a_restart(path: Path):
     _, outlook = lived(path, [0.3, 0.4, 0.55])
     assert (outlook.health.level, outlook.failed_since) == (ERROR, 30.0)
     _, later = lived(path, [0.6, 0.65], first=3)
     assert (later.hours, later.failed_since) == (50.0, 30.0)
 
 
-def test_fault_restart_and_calibration_are_events_once(path: Path):
+def test_fault_restart_and_calibration_are_reported_once_as_events(path: Path):
     unit, _ = lived(path, [0.02, 0.02, 0.3, 0.3])
     # A test that the tracker holds back gives WARN by itself.
     assert [(hours, kind) for hours, kind, _ in kinds(unit) if kind == "fault"] == [(30.0, "fault")]
@@ -122,7 +122,7 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
     assert changed == "another instead of some-calibration"
 
 
-def test_note_of_a_person_is_an_event_once_and_survives_restarts_and_tests(path: Path):
+def test_note_of_a_person_is_one_event_and_survives_restarts_and_tests(path: Path):
     lived(path, [0.02, 0.3])
     unit = Unit(History(*UNIT, path), TEN_HOURS)
     first_ns = unit.history.entries[0].stamp_ns
@@ -135,7 +135,7 @@ def test_note_of_a_person_is_an_event_once_and_survives_restarts_and_tests(path:
     assert (10.0, "note", "Ada, seen") in kinds(unit)
 
 
-def test_notes_of_one_person_leave_room_for_those_of_others(path: Path):
+def test_notes_of_one_person_leave_room_for_notes_of_others(path: Path):
     lived(path, [0.02, 0.3])
     unit = Unit(History(*UNIT, path), TEN_HOURS)
     for _ in range(MOST_NOTES):
@@ -155,7 +155,7 @@ def test_notes_of_one_person_leave_room_for_those_of_others(path: Path):
     unit.note("Mallory", "once more")
 
 
-def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):
+def test_outlook_has_the_stored_assessment_of_its_history(path: Path):
     unit, outlook = lived(path, [0.02, 0.02, 0.3])
     found = unit.history.assessments[outlook.stamp_ns]
     assert outlook.events == found.events
@@ -211,7 +211,7 @@ def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("by_cycles", [True, False])
 @pytest.mark.parametrize("seed", range(3))
-def test_restart_from_what_is_kept_states_the_same_to_the_last_bit(
+def test_restart_from_stored_growth_gives_bit_identical_results(
     tmp_path: Path, path: Path, seed: int, by_cycles: bool
 ):
     """Tests with and without estimates, outliers, and with right, missing and wrong counts."""
@@ -232,7 +232,7 @@ def test_restart_from_what_is_kept_states_the_same_to_the_last_bit(
     assert printed == expected
 
 
-def test_restart_repeats_the_tests_since_the_growth_was_kept_alone(path: Path, fed: list[float]):
+def test_restart_replays_only_the_tests_since_growth_was_stored(path: Path, fed: list[float]):
     followed(path, [worn(number) for number in range(N + 2)])
     fed.clear()
     resumed(path)
@@ -247,9 +247,7 @@ def test_restart_repeats_the_tests_since_the_growth_was_kept_alone(path: Path, f
         "DELETE FROM growth",
     ],
 )
-def test_kept_growth_that_is_damaged_is_found_again_from_the_tests(
-    path: Path, fed: list[float], statement: str
-):
+def test_damaged_growth_is_recomputed_from_the_tests(path: Path, fed: list[float], statement: str):
     followed(path, [worn(number) for number in range(N)])
     expected = resumed(path)
     with closing(sqlite3.connect(path)) as db, db:
@@ -259,7 +257,7 @@ def test_kept_growth_that_is_damaged_is_found_again_from_the_tests(
     assert len(fed) == N
 
 
-def test_kept_growth_of_other_settings_is_not_used(path: Path, fed: list[float]):
+def test_stored_growth_of_other_settings_is_not_used(path: Path, fed: list[float]):
     followed(path, [worn(number) for number in range(N)])
     other = replace(TEN_HOURS, tracker=TrackerSettings(process_noise=0.2))
     fed.clear()
@@ -268,7 +266,7 @@ def test_kept_growth_of_other_settings_is_not_used(path: Path, fed: list[float])
 
 
 @pytest.mark.parametrize("method", [1, 99])
-def test_archive_that_cannot_be_unpacked_is_as_none(method: int):
+def test_unreadable_archive_of_growth_counts_as_missing(method: int):
     """Other packers than numpy raise errors of various types."""
     stream = BytesIO()
     np.savez(stream, used_hours=np.zeros(1))

@@ -32,7 +32,7 @@ def follow(unit: Unit, first: int, frictions: Sequence[float], baseline: str) ->
 
 
 @pytest.mark.parametrize("worn", [0.4, 0.15])
-def test_level_that_falls_with_the_baseline_is_no_repair(worn: float):
+def test_level_that_falls_with_a_new_baseline_is_not_a_repair(worn: float):
     unit = Unit(History(*UNIT), HOURS)
     follow(unit, 0, [worn] * 8, "first")
     events = follow(unit, 8, [0.0] * 8, "second")
@@ -43,7 +43,7 @@ def test_level_that_falls_with_the_baseline_is_no_repair(worn: float):
 
 
 @pytest.mark.parametrize("change", [0, 1])
-def test_repair_under_the_same_baseline_is_a_repair(change: int):
+def test_repair_with_an_unchanged_baseline_is_a_repair(change: int):
     unit = Unit(History(*UNIT), HOURS)
     follow(unit, 0, [0.4] * 8, "first")
     # The baseline was changed well before, to a similar one.
@@ -53,7 +53,7 @@ def test_repair_under_the_same_baseline_is_a_repair(change: int):
     assert [one.kind for one in events if one.kind in ("repair", CALIBRATION)] == ["repair"]
 
 
-def test_alarm_names_what_is_wrong_until_it_ends(tmp_path: Path):
+def test_alarm_names_its_cause_until_it_ends(tmp_path: Path):
     unit = Unit(History(*UNIT, tmp_path / "unit.sqlite"), HOURS)
     assert unit.alarm(None, HOURS) == ""
     follow(unit, 0, [0.02] * 4, "first")
@@ -71,9 +71,7 @@ def test_alarm_names_what_is_wrong_until_it_ends(tmp_path: Path):
     again.history.close()
 
 
-def test_changed_baseline_stays_in_the_history_with_its_author_and_the_figures_before(
-    tmp_path: Path,
-):
+def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tmp_path: Path):
     path = tmp_path / "unit.sqlite"
     unit = Unit(History(*UNIT, path), HOURS)
     assert not unit.change_baseline("Ada, forced", "second")

@@ -25,14 +25,14 @@ def test_transitions_keep_the_stationary_probabilities_of_the_pace():
     np.testing.assert_allclose(wander.transition(1e5), np.tile(wander.SHARES, (7, 1)), atol=1e-9)
 
 
-def test_pace_forgets_itself_within_its_hours():
+def test_pace_decorrelates_within_its_hours():
     step = wander.transition(wander.WANDER_HOURS)
     mean = step @ wander.PACES
     # The correlation of the process is exp(-1); on the grid, the outermost paces are held back.
     np.testing.assert_allclose(mean[2:5], np.exp(-1.0) * wander.PACES[2:5], atol=0.05)
 
 
-def test_time_at_a_lasting_pace_is_shorter_by_it():
+def test_time_at_a_lasting_pace_is_divided_by_the_pace():
     own, rng = np.full(200, 5.0), np.random.default_rng(0)
     hours = wander.hours_of(own, np.full(200, wander.LOG_MEAN + np.log(2.0)), rng)
     # Over 1 % of its correlation time, a pace changes by 0.07.
@@ -49,7 +49,7 @@ def test_wave_in_a_constant_fault_is_not_mistaken_for_growth():
 
 
 @pytest.mark.slow
-def test_line_under_a_wave_is_predicted_as_the_line():
+def test_line_with_a_wave_is_predicted_like_the_line():
     tracker, rng = Tracker(), np.random.default_rng(2)
     for test in range(70):
         hours = 12.0 * test
@@ -77,20 +77,20 @@ def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck
 
 # A quarter of 75 predictions, weighted towards the later ones, determines a spread to 15 %.
 @pytest.mark.parametrize(("factor", "misses"), [(1.5, 0), (2.2, 0), (2.2, 10), (2.2, 19)])
-def test_predictions_that_were_too_narrow_are_widened_as_they_should(factor, misses):
+def test_too_narrow_predictions_are_widened_by_the_right_factor(factor, misses):
     found = checked(factor, misses=misses).of(FRICTION)
     assert found.ahead == pytest.approx(factor, rel=0.3)
     assert found.widening == pytest.approx(factor, rel=0.2)
 
 
-def test_predictions_that_were_right_or_too_wide_are_left():
+def test_right_or_too_wide_predictions_are_unchanged():
     assert checked(1.0).of(FRICTION).widening == pytest.approx(1.0, abs=0.15)
     wide = checked(0.4).of(FRICTION)
     assert wide.ahead < 0.7
     assert wide.widening == 1.0
 
 
-def test_prediction_after_a_gap_longer_than_it_reaches_is_dropped():
+def test_prediction_is_dropped_after_a_gap_longer_than_its_range():
     one = checked(1.0, tests=80)
     scores = one.of(FRICTION).ahead
     assert np.isnan(checked(1.0, tests=check.AHEAD).of(FRICTION).ahead)
@@ -99,14 +99,14 @@ def test_prediction_after_a_gap_longer_than_it_reaches_is_dropped():
     assert one.of(FRICTION).ahead == scores
 
 
-def test_repaired_part_begins_without_scores():
+def test_repaired_part_starts_without_scores():
     one = checked(2.2)
     one.restart(FRICTION, is_new=True)
     assert np.isnan(one.of(FRICTION).ahead)
     assert one.widening()[FRICTION] == pytest.approx(1.0)
 
 
-def test_widening_keeps_the_median_and_spreads_the_rest():
+def test_widening_keeps_the_median_and_spreads_the_other_quantiles():
     rng = np.random.default_rng(1)
     hours = np.exp(rng.standard_normal((2, 5001)))
     wide = widened_lives(hours, np.array([1.0, 2.0]))
@@ -123,7 +123,7 @@ def test_widening_keeps_the_median_and_spreads_the_rest():
 
 
 @pytest.mark.slow
-def test_scores_of_honest_predictions_are_near_one():
+def test_scores_of_calibrated_predictions_are_near_one():
     tracker, rng = Tracker(), np.random.default_rng(2)
     for test in range(90):
         tracker.update(observed(10.0 * test, {"friction": 0.05 + 4e-3 * test}, rng))
@@ -136,7 +136,7 @@ def test_scores_of_honest_predictions_are_near_one():
 
 
 @pytest.mark.slow
-def test_errors_larger_than_they_claim_show_in_the_scores():
+def test_errors_larger_than_claimed_show_in_the_scores():
     # With an unknown law, growth by jumps may explain the errors.
     settings = TrackerSettings(laws={"friction": KnownLaw("linear", 4e-4)})
     tracker, rng = Tracker(settings=settings), np.random.default_rng(3)

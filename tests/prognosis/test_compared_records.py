@@ -53,7 +53,7 @@ def followed(of: Iterable[Comparison], path: Path | None = None) -> tuple[Unit, 
     return unit, [one for one in outlooks if one is not None]
 
 
-def test_growth_of_friction_is_tracked_as_that_of_the_fault():
+def test_growth_of_friction_is_tracked_like_a_fault():
     *_, last = followed(grown(number) for number in range(14))[1]
     # The ratio of friction is 1 + 2 k, with a record every 10 h.
     assert last.trends["friction"] == pytest.approx(GROWTH / 2.0 / 10.0, rel=0.2)
@@ -62,7 +62,7 @@ def test_growth_of_friction_is_tracked_as_that_of_the_fault():
     assert last.health.faults[0].value == pytest.approx(GROWTH * 13 / 2.0, abs=0.02)
 
 
-def test_life_of_a_joint_mentions_requirements_only_if_they_were_asked_for():
+def test_life_of_a_joint_mentions_requirements_only_if_they_were_requested():
     """The drive has no model, and usually no requirements."""
     wanted = replace(TEN_HOURS, requirements=RequirementLimits(bandwidth=10.0))
     for settings, are_wanted in ((TEN_HOURS, False), (wanted, True)):
@@ -84,7 +84,7 @@ def test_departure_warns_before_the_fault_does():
     assert [one.text for one in last.events if one.kind == DEPARTURE] == [words]
 
 
-def test_record_that_judges_nothing_leaves_neither_level_nor_index(tmp_path: Path):
+def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Path):
     unit, outlooks = followed([HEALTHY, HEALTHY, NOTHING], tmp_path / "unit.db")
     last = outlooks[-1]
     assert (last.health.level, last.health.confidence) == (STALE, 0.0)
@@ -101,14 +101,14 @@ def test_level_returns_with_the_next_record_that_judges_friction():
     assert levels == [OK, STALE, STALE, OK]
 
 
-def test_level_that_is_open_names_the_last_one_that_was_known():
+def test_unknown_level_names_the_last_known_one():
     for before in (HEALTHY, FRICTION_UP):
         known, *later = followed([before, NO_FRICTION, NO_FRICTION, NOTHING])[1]
         assert {one.health.level for one in later} == {STALE}
         assert {one.known_level for one in later} == {known.health.level}
 
 
-def test_first_record_that_judges_nothing_has_no_index():
+def test_first_record_without_a_judgement_has_no_index():
     refused = UnusedCycle.of(record(0, NOTHING))
     health = unknown_outlook("no valid test so far").after_refusal(refused).health
     assert health.level == STALE
@@ -127,12 +127,12 @@ def test_records_without_friction_do_not_disturb_its_growth():
 @pytest.mark.parametrize(
     ("of", "level"), [(HEALTHY, OK), (FRICTION_UP, WARN), (HEAVIER, WARN), (NO_FRICTION, STALE)]
 )
-def test_level_of_one_record_alone_is_that_of_the_unit(of: Comparison, level: int):
+def test_level_of_a_single_record_is_the_level_of_the_unit(of: Comparison, level: int):
     alone = outlook_of_one(record(0, of), HealthLimits(), "no history")
     assert alone.health.level == level == followed([of])[1][-1].health.level
 
 
-def test_assessment_without_an_index_survives_the_file(tmp_path: Path):
+def test_assessment_without_an_index_survives_storage(tmp_path: Path):
     unit, _ = followed([HEALTHY, NO_FRICTION], tmp_path / "unit.db")
     unit.history.close()
     history = History(*UNIT, tmp_path / "unit.db")
@@ -156,13 +156,13 @@ def test_warning_of_a_departure_rises_at_once_and_ends_with_the_second_healthy_r
     assert levels_of(*of, confirmations=3) == [OK, WARN, WARN, WARN, WARN]
 
 
-def test_record_that_does_not_show_friction_confirms_nothing():
+def test_record_without_friction_confirms_nothing():
     of = (FRICTION_UP, HEALTHY, NO_FRICTION, HEALTHY)
     assert levels_of(*of) == [WARN, WARN, STALE, OK]
     assert levels_of(FRICTION_UP, NO_FRICTION, HEALTHY, HEALTHY) == [WARN, STALE, WARN, OK]
 
 
-def test_warning_that_is_held_states_what_the_next_record_has_to_show():
+def test_held_warning_states_what_the_next_record_has_to_show():
     last = followed([HEALTHY, FRICTION_UP, HEALTHY])[1][-1]
     assert cause_of_level(last) == (
         "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %), in an earlier record: the "
@@ -171,7 +171,7 @@ def test_warning_that_is_held_states_what_the_next_record_has_to_show():
     assert last.health.health_index <= 0.99
 
 
-def test_level_after_a_restart_is_that_before_it(tmp_path: Path):
+def test_level_is_the_same_after_a_restart(tmp_path: Path):
     unit, outlooks = followed([FRICTION_UP, HEALTHY], tmp_path / "unit.db")
     unit.history.close()
     again = Unit(History(*UNIT, tmp_path / "unit.db"), TEN_HOURS).resume(None, TEN_HOURS)

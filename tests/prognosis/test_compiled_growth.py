@@ -43,7 +43,7 @@ print(json.dumps({"compiled": sum(map(len, before.values())), "late": late}))
 
 
 @pytest.mark.slow
-def test_no_kernel_of_growth_is_compiled_by_the_first_tests():
+def test_first_tests_compile_no_kernel_of_growth():
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         cwd=Path(__file__).parents[2],

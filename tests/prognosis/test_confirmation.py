@@ -30,7 +30,7 @@ FRICTION = {OK: 0.02, WARN: 0.3, ERROR: 0.8}
         ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
     ],
 )
-def test_level_rises_at_once_and_falls_when_that_is_confirmed(
+def test_level_rises_at_once_and_falls_when_confirmed(
     levels: list[int], confirmations: int, shown: list[int]
 ):
     settings = PrognosisSettings(level_confirmations=confirmations)
@@ -53,7 +53,7 @@ def test_level_rises_at_once_and_falls_when_that_is_confirmed(
         assert repr(again.health) == repr(health)
 
 
-def test_outlook_that_no_earlier_test_raises_is_the_same():
+def test_outlook_without_an_earlier_higher_level_is_unchanged():
     """In Python 3.13, a fault with a NaN is unequal to its copy."""
     outlook = Unit(History(*UNIT)).update(made_test(0), None, PrognosisSettings())
     assert outlook is not None
@@ -61,7 +61,7 @@ def test_outlook_that_no_earlier_test_raises_is_the_same():
     assert confirmed(outlook, []) is outlook
 
 
-def test_fault_that_the_tracker_holds_needs_as_many_tests_as_any_other():
+def test_fault_held_by_the_tracker_needs_no_additional_tests():
     """The tracker waits for a second test that agrees; the first one counts already."""
     settings = PrognosisSettings(service=Service(hours_per_cycle=10.0))
     unit = Unit(History(*UNIT), settings)

@@ -106,7 +106,7 @@ def test_unit_flown_harder_from_half_of_its_life_on_is_predicted_better_by_damag
     assert mean(covered) > 0.7
 
 
-def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
+def test_growth_is_by_hours_if_telemetry_covers_only_the_tests():
     """A test of one second every ten hours shows nothing about the duty between the tests."""
 
     def friction(number: int) -> float:
@@ -121,7 +121,7 @@ def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
     assert plain(outlooks[-1]) == plain(without[-1])
 
 
-def test_hours_of_growth_are_those_at_the_mean_duty_of_the_first_tests():
+def test_hours_of_growth_refer_to_the_mean_duty_of_the_first_tests():
     def friction(number: int) -> float:
         return 0.005 * number
 
@@ -139,7 +139,7 @@ def test_hours_of_growth_are_those_at_the_mean_duty_of_the_first_tests():
     assert trend == pytest.approx(0.005 / INTERVAL_H, rel=0.6)
 
 
-def test_wear_goes_by_the_power_of_the_load_and_ageing_by_the_temperature():
+def test_wear_depends_on_the_power_of_the_load_and_ageing_on_the_temperature():
     cubic = DamageSettings(wear_exponent=3.0)
     gentle, hard = (cubic.damage(flown(50.0, load)) for load in (0.25, 0.5))
     assert hard[2] == pytest.approx(8.0 * gentle[2])
@@ -158,12 +158,12 @@ def course(*relative: float) -> DutyCourse:
     return DutyCourse(DamageSettings(), hours, hourly)
 
 
-def test_interval_without_known_duty_is_as_the_one_before():
+def test_interval_with_unknown_duty_repeats_the_one_before():
     own = course(2.0, np.nan, np.nan, 1.0).own_hours[:, NUMBER_OF["friction"]]
     assert own[-5:] == pytest.approx([100.0, 120.0, 140.0, 160.0, 170.0])
 
 
-def test_duty_to_come_is_drawn_from_the_past_and_widens_the_life():
+def test_future_duty_is_drawn_from_the_past_and_widens_the_life():
     """The lives have 400 h of growth without scatter, so that all scatter comes from the duty."""
     own = np.full((7, 2000), 400.0)
     steady = course(*[1.0] * 30).as_flown(1.0).hours_of(own)[0]
@@ -178,7 +178,7 @@ def test_duty_to_come_is_drawn_from_the_past_and_widens_the_life():
     assert hours[NUMBER_OF["gain"]] == pytest.approx(400.0)
 
 
-def test_hours_of_service_and_of_growth_are_each_other_inverted():
+def test_hours_of_service_and_hours_of_growth_are_inverse_functions():
     future = course(*np.random.default_rng(2).uniform(0.2, 3.0, 40)).as_flown(1.7)
     hours = np.array([1.0, 50.0, 400.0, 1e4, 1e5])
     own = future.own_hours(hours, 200)
@@ -188,7 +188,7 @@ def test_hours_of_service_and_of_growth_are_each_other_inverted():
     assert future.hours_of(np.array([[0.0, np.inf]] * 7)).tolist() == [[0.0, np.inf]] * 7
 
 
-def test_duty_to_come_begins_as_since_the_latest_change():
+def test_future_duty_begins_as_after_the_latest_change():
     recent = course(*[1.0] * 40, *[3.0] * 5, *[2.0] * 2)
     future = recent.as_flown(1.0)
     soon, late = np.mean(future.own_hours(np.array([5.0, 2000.0]), 100)[:, 0], axis=-1)
@@ -210,14 +210,14 @@ def test_duty_to_come_begins_as_since_the_latest_change():
     assert harder.present[0] == pytest.approx(2.0)
 
 
-def test_changes_of_a_duty_are_found_also_where_it_comes_back():
+def test_changes_of_a_duty_are_detected_even_if_it_returns():
     missions = np.repeat([1.0, 3.0, 1.0, 3.0], 20)
     noise = np.exp(0.1 * np.random.default_rng(0).standard_normal(80))
     found = [duty_changes(missions[:n] * noise[:n]).tolist() for n in (20, 40, 60, 80)]
     assert found == [[], [20], [20, 40], [20, 40, 60]]
 
 
-def test_scatter_is_no_change_of_the_duty():
+def test_scatter_is_not_mistaken_for_a_change_of_duty():
     """Of a thousand duties with a hundred intervals of random scatter, few seem to change."""
     rng = np.random.default_rng(3)
     changes = sum(duty_changes(np.exp(rng.standard_normal(100))).size > 0 for _ in range(1000))
@@ -233,7 +233,7 @@ def by_damage() -> Unit:
     return worn(BY_DAMAGE)
 
 
-def test_scenarios_are_lives_at_their_duty(by_damage):
+def test_scenarios_give_the_life_at_their_duty(by_damage):
     """Friction ends life; half of its travel doubles the life, and temperature changes nothing."""
     prognostics = by_damage
     asked = {
@@ -259,7 +259,7 @@ def test_scenarios_are_lives_at_their_duty(by_damage):
     assert plain(prognostics.outlook(None, BY_DAMAGE)) == plain(now)
 
 
-def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_life():
+def test_scenario_without_a_known_reference_has_an_unknown_life():
     by_hours = worn(BY_HOURS)
     reported = by_hours.under(Scenario("idle", travel_per_hour=25.0), None, BY_HOURS)
     assert not reported.rul.known
@@ -270,7 +270,7 @@ def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_lif
     assert twice.rul.known
 
 
-def test_restart_finds_the_same_growth(by_damage, path):
+def test_restart_gives_the_same_growth(by_damage, path):
     kept = History(*UNIT, path)
     for entry in by_damage.history.entries:
         kept.append(entry)

@@ -44,7 +44,7 @@ def metered(*blocks: Telemetry, rise: float | None = None) -> FlownDuty:
     return meter.take(0)
 
 
-def test_travel_is_the_way_to_and_fro_in_the_class_of_its_load():
+def test_travel_is_the_distance_back_and_forth_in_the_class_of_its_load():
     """Ten periods with an amplitude of 0.1 rad: 4 rad, less at most a resolution per reversal."""
     turns = 0.1 * np.sin(2.0 * np.pi * np.linspace(0.0, 10.0, 10_001))
     flown = metered(block(turns))
@@ -54,7 +54,7 @@ def test_travel_is_the_way_to_and_fro_in_the_class_of_its_load():
     assert not flown.winding.any()
 
 
-def test_duty_does_not_depend_on_how_telemetry_is_cut_into_blocks():
+def test_duty_does_not_depend_on_the_blocks_of_telemetry():
     turns = 0.1 * np.sin(2.0 * np.pi * np.linspace(0.0, 3.0, 3_000))
     whole = metered(block(turns))
     parts = metered(*(block(turns[i : i + 100], i) for i in range(0, 3_000, 100)))
@@ -62,12 +62,12 @@ def test_duty_does_not_depend_on_how_telemetry_is_cut_into_blocks():
     assert parts.hours == pytest.approx(whole.hours)
 
 
-def test_noise_of_the_sensor_is_no_travel():
+def test_noise_of_the_sensor_is_not_travel():
     noise = 5e-5 * np.random.default_rng(0).standard_normal(10_000)
     assert travelled(metered(block(noise))) == 0.0
 
 
-def test_way_over_a_gap_is_not_known():
+def test_travel_across_a_gap_is_unknown():
     flown = metered(block([0.0, 0.1]), block([5.0, 5.2], first=10))
     assert travelled(flown) == pytest.approx(0.3)
 
@@ -81,7 +81,7 @@ def test_way_over_a_gap_is_not_known():
         (block([0.0, 0.1], share=1e20), 10.0),
     ],
 )
-def test_travel_at_no_usable_current_is_in_the_last_class(one: Telemetry, load: float):
+def test_travel_without_a_usable_current_is_in_the_last_class(one: Telemetry, load: float):
     assert classes(metered(one).travel) == [(9, pytest.approx(0.1), load)]
 
 
@@ -91,7 +91,7 @@ def test_hours_are_in_the_class_of_the_rise_of_the_winding(rise: float, number: 
     assert classes(flown.winding) == [(number, pytest.approx(1e-3), pytest.approx(rise))]
 
 
-def test_duty_goes_to_the_test_that_it_ends_with_or_before():
+def test_duty_belongs_to_the_test_at_whose_end_or_before_it_ends():
     """The order does not matter: a window with a stamp in the future delays no other window."""
     meter = DutyMeter(deque())
     for number, end_ns in enumerate((10**18, 100, 200, 300)):
@@ -102,7 +102,7 @@ def test_duty_goes_to_the_test_that_it_ends_with_or_before():
     assert travelled(meter.take(300)) == pytest.approx(0.4)
 
 
-def test_duty_that_no_test_takes_is_bounded_and_not_lost():
+def test_duty_that_belongs_to_no_test_is_limited_and_not_lost():
     meter = DutyMeter(deque(), 100)
     for number in range(150):
         meter.add(block([0.0, 0.1], first=10 * number), PARAMETERS)
@@ -117,7 +117,7 @@ def test_impossible_duty_is_refused(factor: float):
         FutureDuty(factor)
 
 
-def test_duty_adds_up():
+def test_duties_add_up():
     both = metered(block([0.0, 0.1, 0.3])) + metered(block([0.0, 0.2], share=0.45), rise=22.0)
     assert classes(both.travel) == [
         (3, pytest.approx(0.3), pytest.approx(0.35)),
@@ -146,7 +146,7 @@ def read(folder: Path, content: str) -> tuple[Scenario, ...]:
     return read_scenarios(path)
 
 
-def test_file_has_a_scenario_each(tmp_path):
+def test_file_has_one_entry_per_scenario(tmp_path):
     flown, training = read(tmp_path, WHOLE)
     assert flown == Scenario("as flown")
     assert training == Scenario(
@@ -154,7 +154,7 @@ def test_file_has_a_scenario_each(tmp_path):
     )
 
 
-def test_example_in_the_documents_is_read(tmp_path):
+def test_example_in_the_documentation_is_read(tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "prognosis.md").read_text(encoding="utf-8")
     [example] = re.findall(r"^```yaml\n(scenarios:.*?)^```$", text, re.DOTALL | re.MULTILINE)
     flown, training = read(tmp_path, example)

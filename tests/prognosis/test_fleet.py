@@ -53,7 +53,7 @@ def flap(serial: str, path: Path | None = None, n: int = 40) -> History:
     return history_of(tests, path, ("flap", serial))
 
 
-def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
+def test_parts_combined_in_any_order_give_the_bit_identical_whole(units):
     whole = FleetGrowth(GRID, units).prior(LIMITS)
     names = list(units)
     one, other = (
@@ -66,13 +66,13 @@ def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
         np.testing.assert_array_equal(prior.shares["friction"], whole.shares["friction"])
 
 
-def test_of_a_unit_that_is_in_both_parts_the_one_with_more_tests_counts(units):
+def test_unit_in_two_parts_counts_with_the_part_that_has_more_tests(units):
     early = UnitGrowth(3, ())
     for one, other in (({"a": early}, {"a": units["0"]}), ({"a": units["0"]}, {"a": early})):
         assert FleetGrowth(GRID, one).together(FleetGrowth(GRID, other)).units["a"] is units["0"]
 
 
-def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_before():
+def test_distribution_follows_the_units_and_keeps_a_share_of_the_prior():
     before = BEFORE["friction"]
     log = np.full(before.shape, -30.0, dtype=np.float16)
     log[5, 14] = 0.0
@@ -86,7 +86,7 @@ def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_befor
     np.testing.assert_allclose(distribution([np.zeros_like(log)] * 20, before), before, rtol=1e-6)
 
 
-def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_without(units):
+def test_fleet_improves_the_prediction_of_similar_units_and_does_not_harm_others(units):
     prior = FleetGrowth(GRID, units).prior(LIMITS)
 
     def life(rate: float, until: float, with_fleet: bool) -> tuple[bool, float, float]:
@@ -107,7 +107,7 @@ def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_witho
     assert median == pytest.approx(120.0, rel=0.15)
 
 
-def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path):
+def test_file_restores_the_growth_and_contains_no_unit_name(tmp_path: Path):
     histories = [flap(serial) for serial in ("1", "2")]
     fleet = fleet_of(histories, LIMITS, "line A")
     path = tmp_path / "fleet.npz"
@@ -128,14 +128,14 @@ def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path
     ("content", "reason"),
     [(b"", "No data left"), (b"PK\x03\x04 no archive", "zip"), (b"tests, hours", "pickled")],
 )
-def test_what_is_no_fleet_is_refused_by_name(tmp_path: Path, content, reason):
+def test_file_that_is_not_a_fleet_is_refused_by_name(tmp_path: Path, content, reason):
     path = tmp_path / "fleet.npz"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=f"{path} is not a fleet file: .*{reason}"):
         FleetGrowth.read(path)
 
 
-def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
+def test_arrays_of_a_wrong_kind_are_refused_by_name(tmp_path: Path, units):
     path = tmp_path / "fleet.npz"
     FleetGrowth(GRID, units).write(path)
     with np.load(path) as file:
@@ -157,7 +157,7 @@ def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
         FleetGrowth.read(path)
 
 
-def test_other_limits_are_refused_and_stated_and_the_prognosis_continues(units):
+def test_different_limits_are_refused_and_reported_and_the_prognosis_continues(units):
     fleet = FleetGrowth(GRID, units)
     other = HealthLimits(friction=0.3)
     with pytest.raises(ValueError, match="different limits"):
@@ -172,9 +172,7 @@ def test_other_limits_are_refused_and_stated_and_the_prognosis_continues(units):
     assert outlook.rul_faults.known
 
 
-def test_an_outlook_states_whose_growth_it_assumes_and_a_restart_continues_with_it(
-    tmp_path: Path, units
-):
+def test_outlook_states_its_fleet_and_a_restart_continues_with_it(tmp_path: Path, units):
     path = history_path(tmp_path, "flap", "1")
     flap("1", path, KEPT_EVERY).close()
     settings = PrognosisSettings(fleet=FleetGrowth(GRID, units, frozenset(["line A"])))
@@ -203,7 +201,7 @@ def test_an_outlook_states_whose_growth_it_assumes_and_a_restart_continues_with_
     assert without.assumption == "future use as in the past"
 
 
-def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path: Path):
+def test_history_is_read_without_a_change_while_a_monitor_uses_it(tmp_path: Path):
     path = history_path(tmp_path, "left/flap", "1")
     path.parent.mkdir(exist_ok=True)
     in_use = History("left/flap", "1", path)
@@ -222,7 +220,7 @@ def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path
     assert damaged.exists()
 
 
-def test_growth_is_kept_of_faults_that_grow_alone():
+def test_only_growing_faults_contribute_growth():
     tracker = Tracker()
     feed(tracker, {}, 300.0, np.random.default_rng(0), {"friction": 0.2})
     assert tracker.grown_faults() == {}
@@ -238,7 +236,7 @@ def test_growth_is_kept_of_faults_that_grow_alone():
     assert fault.log_likelihood.shape == BEFORE["backlash"].shape
 
 
-def test_unit_that_was_repaired_states_how_its_faults_grew_before_and_after():
+def test_repaired_unit_contributes_the_growth_before_and_after_its_repair():
     tests = [made_test(test, seed=test, friction=0.01 * (test % 30)) for test in range(60)]
     [unit] = fleet_of([history_of(tests)], LIMITS).units.values()
     assert [fault.kind for fault in unit.faults] == ["friction", "friction"]

@@ -59,7 +59,7 @@ def test_ten_years_of_daily_tests_take_at_most_20_megabytes():
     assert grown / 200 * 3650 < 20e6
 
 
-def test_every_figure_comes_back_to_the_last_bit(path: Path):
+def test_every_number_is_restored_exactly(path: Path):
     estimate = made_test(0, seed=1, friction=0.1, backlash=0.2)
     history = History(*UNIT, path)
     history.append(Entry(estimate, 12.345678901234567, 7))
@@ -77,7 +77,7 @@ def test_every_figure_comes_back_to_the_last_bit(path: Path):
         assert type(getattr(first.estimate, item.name)) is type(getattr(estimate, item.name))
 
 
-def test_count_and_cycles_without_estimate_come_back(path: Path):
+def test_count_and_cycles_without_estimate_are_restored(path: Path):
     count = Count(123, 45.5, 67)
     history = History(*UNIT, path)
     history.append(UnusedCycle(1, "refused", (WindowUnusable("gap"),)))
@@ -93,12 +93,12 @@ def test_count_and_cycles_without_estimate_come_back(path: Path):
     assert [again.holds_valid(stamp) for stamp in (1, test.end_ns)] == [False, True]
 
 
-def test_nothing_is_made_before_the_first_test(path: Path):
+def test_no_file_is_created_before_the_first_test(path: Path):
     assert hours(path) == ([], "")
     assert not path.parent.exists()
 
 
-def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path: Path):
+def test_write_ahead_log_truncated_at_any_byte_loses_at_most_the_latest_test(path: Path):
     """As after a power failure: the log is incomplete, and the file is as before."""
     running = History(*UNIT, path)
     for number in range(3):
@@ -121,7 +121,7 @@ def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path:
 
 
 @pytest.mark.long
-def test_history_survives_being_killed_again_and_again(path: Path):
+def test_history_survives_repeated_kills(path: Path):
     """A process that appends continuously is killed; the next one reads all reported tests."""
     reported = 0
     for kill in range(5):
@@ -144,7 +144,7 @@ def test_history_survives_being_killed_again_and_again(path: Path):
         reported = len(found)
 
 
-def test_history_of_another_process_is_left_alone_until_that_process_is_killed(path: Path):
+def test_history_in_use_by_another_process_is_left_alone_until_that_process_is_killed(path: Path):
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, str(path), str(Path(__file__).parent)],
         stdout=subprocess.PIPE,
@@ -164,7 +164,7 @@ def test_history_of_another_process_is_left_alone_until_that_process_is_killed(p
     third.close()
 
 
-def test_of_two_monitors_that_begin_a_history_the_second_names_the_reason(path: Path):
+def test_second_of_two_monitors_that_begin_a_history_names_the_reason(path: Path):
     first, second = History(*UNIT, path), History(*UNIT, path)
     first.append(entry(0))
     second.append(entry(1))
@@ -173,7 +173,7 @@ def test_of_two_monitors_that_begin_a_history_the_second_names_the_reason(path: 
     assert hours(path) == ([0.0], "")
 
 
-def test_full_disk_is_reported_and_caught_up_with(path: Path):
+def test_full_disk_is_reported_and_later_tests_are_written_when_there_is_room(path: Path):
     history = History(*UNIT, path)
     history.append(entry(0))
     assert history._db is not None
@@ -236,7 +236,7 @@ def test_history_on_read_only_media_is_read_and_continued_in_memory(path: Path, 
     assert hours(media / path.name) == ([0.0, 10.0, 20.0], "")
 
 
-def test_folder_that_cannot_be_made_leaves_the_history_in_memory(tmp_path: Path):
+def test_history_stays_in_memory_if_its_folder_cannot_be_created(tmp_path: Path):
     blocked = tmp_path / "file"
     blocked.write_text("no folder")
     history = History(*UNIT, blocked / "flap.sqlite")
@@ -245,7 +245,7 @@ def test_folder_that_cannot_be_made_leaves_the_history_in_memory(tmp_path: Path)
     assert "cannot be" in history.problem
 
 
-def test_units_have_files_of_their_own_within_the_folder(tmp_path: Path):
+def test_units_have_separate_files_in_the_folder(tmp_path: Path):
     units = [("a", "b+c"), ("a+b", "c"), ("..", ".."), ("a/b", "c"), ("", ""), ("Flügel", "1 2")]
     paths = [history_path(tmp_path, *unit) for unit in units]
     assert len(set(paths)) == len(units)
@@ -268,7 +268,7 @@ def test_closed_history_writes_no_more(path: Path):
         "CAST(record || x'ff' AS TEXT)",
     ],
 )
-def test_damaged_record_is_found_and_the_other_tests_are_kept(path: Path, damaged_record: str):
+def test_damaged_record_is_detected_and_the_other_tests_are_kept(path: Path, damaged_record: str):
     kept(path)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute(f"UPDATE test SET record = {damaged_record} WHERE number = 2")
@@ -285,7 +285,7 @@ def test_damaged_record_is_found_and_the_other_tests_are_kept(path: Path, damage
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
-def test_truncated_file_is_set_aside_whole(path: Path, share: float):
+def test_truncated_file_is_renamed_unchanged(path: Path, share: float):
     whole = kept(path, 20)
     damaged = whole[: int(share * len(whole))]
     path.write_bytes(damaged)
@@ -298,7 +298,7 @@ def test_truncated_file_is_set_aside_whole(path: Path, share: float):
 
 
 @pytest.mark.parametrize("content", [b"\x00\x01\xff" * 300, b"hours,friction\n", b"\x00" * 5000])
-def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes):
+def test_file_that_is_not_a_history_is_renamed(path: Path, content: bytes):
     path.parent.mkdir()
     path.write_bytes(content)
     found, problem = hours(path)
@@ -307,7 +307,7 @@ def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes):
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == content
 
 
-def test_other_database_and_other_schema_are_set_aside_as_they_are(path: Path):
+def test_other_database_and_other_schema_are_renamed_unchanged(path: Path):
     path.parent.mkdir()
     for number, statement in enumerate(("CREATE TABLE flights (x)", "PRAGMA user_version = 6"), 1):
         with closing(sqlite3.connect(path)) as db, db:
@@ -319,7 +319,7 @@ def test_other_database_and_other_schema_are_set_aside_as_they_are(path: Path):
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved", "folder deleted"])
-def test_file_that_is_gone_while_in_use_is_written_again_whole(path: Path, how: str):
+def test_file_deleted_during_use_is_written_again_completely(path: Path, how: str):
     history = History(*UNIT, path)
     history.append(entry(0))
     history.append(UnusedCycle(1, "refused", (WindowUnusable("gap"),)))
@@ -346,7 +346,7 @@ def test_file_that_is_gone_while_in_use_is_written_again_whole(path: Path, how: 
         assert hours(moved) == ([0.0, 10.0], "")
 
 
-def test_what_another_monitor_wrote_since_is_not_overwritten(path: Path):
+def test_tests_that_another_monitor_wrote_are_not_overwritten(path: Path):
     late = History(*UNIT, path)
     written = kept(path)
     late.append(entry(7))
@@ -356,7 +356,7 @@ def test_what_another_monitor_wrote_since_is_not_overwritten(path: Path):
     assert [item.hours for item in late.entries] == [70.0]
 
 
-def test_history_of_another_unit_is_set_aside_and_none_is_overwritten(path: Path):
+def test_history_of_another_unit_is_renamed_and_no_file_is_overwritten(path: Path):
     first = kept(path)
     other = ("flap", "SIM-0002")
     found, problem = hours(path, other)
@@ -399,7 +399,7 @@ COPIED = "INSERT INTO test SELECT {1}, record, crc32 FROM test WHERE number = {0
         ),
     ],
 )  # fmt: skip
-def test_entry_that_is_deleted_doubled_or_swapped_is_named_and_the_intact_are_kept(
+def test_deleted_repeated_or_swapped_entry_is_named_and_the_intact_ones_are_kept(
     path: Path, statements: list[str], place: str, intact: list[int]
 ):
     kept(path, 5)
@@ -414,7 +414,7 @@ def test_entry_that_is_deleted_doubled_or_swapped_is_named_and_the_intact_are_ke
     assert hours(path) == (found, "")
 
 
-def test_tests_that_came_late_are_in_the_order_of_their_stamps(path: Path):
+def test_late_tests_are_in_the_order_of_their_stamps(path: Path):
     history = History(*UNIT, path)
     for number in (0, 5, 2, 6):
         history.append(entry(number))
@@ -423,7 +423,7 @@ def test_tests_that_came_late_are_in_the_order_of_their_stamps(path: Path):
 
 
 @pytest.mark.parametrize("table", ["assessment", "growth", "unit"])
-def test_history_that_lacks_a_table_is_set_aside_with_its_tests_kept(path: Path, table: str):
+def test_history_that_lacks_a_table_is_renamed_and_its_tests_are_kept(path: Path, table: str):
     kept(path)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute(f"DROP TABLE {table}")

@@ -46,7 +46,9 @@ def levels(made: Sequence[Outlook]) -> list[int]:
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
 @pytest.mark.parametrize("every", [2, 3, 5, 10])
-def test_fault_in_every_so_many_tests_is_never_ok_again(settings: PrognosisSettings, every: int):
+def test_fault_that_recurs_in_every_nth_test_is_never_ok_again(
+    settings: PrognosisSettings, every: int
+):
     course = [0.02] * 10 + [0.8 if i % every == every - 1 else 0.02 for i in range(3 * every)]
     made = outlooks(course, settings)[1]
     again = 10 + 2 * every - 1
@@ -62,7 +64,7 @@ def test_fault_in_every_so_many_tests_is_never_ok_again(settings: PrognosisSetti
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
-def test_one_occurrence_and_a_lasting_fault_are_not_intermittent(settings: PrognosisSettings):
+def test_single_occurrence_and_a_lasting_fault_are_not_intermittent(settings: PrognosisSettings):
     for course in (
         [0.02] * 5 + [0.8] + [0.02] * 10,
         [0.02] * 5 + [0.8] * 5 + [0.02] * 10,  # a repair
@@ -95,7 +97,7 @@ def test_single_occurrence_warns_until_fourteen_tests_are_without_it(settings: P
         [0.8] + [0.02] * 5,
     ],
 )
-def test_repair_and_a_doubtful_exceedance_are_no_single_occurrence(course: list[float]):
+def test_repair_and_a_doubtful_exceedance_are_not_single_occurrences(course: list[float]):
     made = outlooks(course, SETTINGS[1])[1]
     assert made[-1].health.level == OK
 
@@ -116,14 +118,14 @@ def test_person_acknowledges_a_single_occurrence(tmp_path: Path, after: int):
     again.history.close()
 
 
-def test_noise_about_the_limit_is_not_intermittent():
+def test_noise_around_the_limit_is_not_intermittent():
     rng = np.random.default_rng(4)
     course = (0.5 + 0.004 * rng.standard_normal(40)).tolist()
     made = outlooks(course, SETTINGS[1])[1]
     assert not any("intermittent" in cause_of_level(one) for one in made)
 
 
-def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_path: Path):
+def test_person_acknowledges_an_intermittent_fault_by_a_note_also_after_a_restart(tmp_path: Path):
     settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
     course = [0.02] * 5 + [0.8, 0.02, 0.8] + [0.02] * 5
     unit, made = outlooks(course, settings, Unit(History(*UNIT, path), settings))
@@ -147,7 +149,7 @@ def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_
     again.history.close()
 
 
-def test_tests_that_hide_the_fault_report_nothing_of_it():
+def test_tests_that_hide_the_fault_report_nothing_about_it():
     settings = SETTINGS[0]
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, friction in enumerate([0.8, 0.0, 0.8, 0.0, 0.8]):
@@ -175,7 +177,7 @@ def failing(course: str, settings: PrognosisSettings, unit: Unit, first: int = 0
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
 @pytest.mark.parametrize("every", [2, 3, 4, 9])
-def test_failure_that_comes_and_goes_is_never_ok_again(settings: PrognosisSettings, every: int):
+def test_intermittent_failure_is_never_ok_again(settings: PrognosisSettings, every: int):
     course = "." * 5 + ("." * (every - 1) + "f") * 3 + "." * 4
     made = failing(course, settings, Unit(History(*UNIT), settings))
     again = 5 + 2 * every - 1
@@ -187,7 +189,7 @@ def test_failure_that_comes_and_goes_is_never_ok_again(settings: PrognosisSettin
     assert "the latest by a phase is open; a person's note on its event" in words
 
 
-def test_failure_ends_with_as_many_tests_as_a_level_needs_to_fall():
+def test_failure_ends_after_as_many_tests_as_a_level_needs_to_fall():
     settings = SETTINGS[1]
     for confirmations in (1, 2, 4):
         of = replace(settings, level_confirmations=confirmations)
@@ -219,7 +221,7 @@ def test_person_acknowledges_an_intermittent_failure_also_after_a_restart(tmp_pa
     again.history.close()
 
 
-def test_acknowledged_failure_stays_so_after_a_restart_right_after_the_note(tmp_path: Path):
+def test_acknowledged_failure_stays_acknowledged_after_an_immediate_restart(tmp_path: Path):
     settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
     unit = Unit(History(*UNIT, path), settings)
     failing("...f.f", settings, unit)
@@ -231,7 +233,7 @@ def test_acknowledged_failure_stays_so_after_a_restart_right_after_the_note(tmp_
     again.history.close()
 
 
-def test_replay_that_loops_counts_a_failure_once():
+def test_looped_replay_counts_a_failure_once():
     settings = SETTINGS[1]
     unit = Unit(History(*UNIT), settings)
     made = failing("....f", settings, unit)
@@ -259,7 +261,9 @@ def test_failure_with_a_valid_second_attempt_counts_as_a_valid_test(tmp_path, is
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
-def test_sentence_after_twenty_tests_without_the_fault_counts_none(settings: PrognosisSettings):
+def test_text_after_twenty_tests_without_the_fault_counts_no_occurrence(
+    settings: PrognosisSettings,
+):
     made = outlooks([0.02] * 3 + [0.8, 0.02, 0.8] + [0.02] * 21, settings)[1]
     assert made[-1].health.level == WARN
     words = "beyond its limit repeatedly, but not in the latest 20 tests; a person's note"

@@ -22,11 +22,11 @@ from ema_monitor.prognosis.growth.tracker_settings import (
 from .tracked_lives import observed
 
 
-def test_law_without_figures_is_that_of_the_type():
+def test_law_without_numbers_has_the_defaults_of_its_type():
     assert known_law("backlash", "archard") == NOMINAL_LAWS["backlash"]
 
 
-def test_figures_are_rate_and_second_figure_of_the_law():
+def test_numbers_are_rate_and_second_parameter_of_the_law():
     assert known_law("friction", "power:900:1.5") == KnownLaw("power", 900.0, shape=1.5)
     assert known_law("friction", "linear:1e-3") == KnownLaw("linear", 1e-3)
     assert known_law("gain", "drift:1e-4:2e-4") == KnownLaw("drift", 1e-4, diffusion=2e-4)
@@ -49,12 +49,12 @@ def test_figures_are_rate_and_second_figure_of_the_law():
         ("friction", "power:900:1:2", "expected at most two"),
     ],
 )
-def test_text_that_is_no_law_is_refused_by_name(fault, written, message):
+def test_text_that_is_not_a_law_is_refused_by_name(fault, written, message):
     with pytest.raises(ValueError, match=message):
         known_law(fault, written)
 
 
-def test_law_of_short_circuits_is_that_of_each_phase():
+def test_law_of_short_circuits_applies_to_each_phase():
     laws = KnownLawTexts(short_circuit="self_heating", gain="drift:1e-4:2e-4").laws()
     assert sorted(laws) == ["gain", "short_circuit_a", "short_circuit_b", "short_circuit_c"]
     assert laws["short_circuit_b"] == NOMINAL_LAWS["short_circuit_b"]
@@ -102,7 +102,7 @@ def test_every_law_that_grows_is_tested():
 
 
 @each
-def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
+def test_futures_of_a_law_pass_the_limit_when_its_lives_end(name):
     law, n, rng = TRACKED_LAWS[name], 4000, np.random.default_rng(1)
     x, of = np.full(n, 0.25), figures(name, n)
     mean, shape = law.passage(x, of, NOISE_HOURS, rng)
@@ -118,7 +118,7 @@ def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
 
 
 @each
-def test_what_is_at_its_limit_has_no_life_left(name):
+def test_fault_at_its_limit_has_no_life_left(name):
     for limit in np.arange(0.02, 1.0, 0.01):
         of = figures(name, 2)
         of = of._replace(limit=np.full(2, limit), shape=of.shape + limit)
@@ -128,7 +128,7 @@ def test_what_is_at_its_limit_has_no_life_left(name):
         )
 
 
-def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
+def test_life_by_jumps_is_the_mean_hours_to_the_jump_that_ends_it():
     n, law = 40_000, TRACKED_LAWS["jumps"]
     of, x = figures("jumps", n), np.full(n, 0.25)
     hours, _ = law.passage(x, of, NOISE_HOURS, np.random.default_rng(0))
@@ -137,7 +137,7 @@ def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
 
 
 @each
-def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
+def test_level_after_a_gap_equals_the_level_after_steps_of_the_same_length(name):
     law, of = TRACKED_LAWS[name], figures(name, 2 * 49)
     found = []
     for steps in (1, 6):
@@ -153,7 +153,7 @@ def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
 
 @pytest.mark.slow
 @each
-def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a_repair(name):
+def test_law_is_predicted_over_a_gap_and_a_restart_and_reset_by_a_repair(name):
     law, rng, of = TRACKED_LAWS[name], np.random.default_rng(3), figures(name, 1)
     begin = np.full(1, 0.1)
     until = float(law.hours_until(begin, of)[0])
@@ -187,7 +187,7 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
 
 
 @pytest.mark.parametrize("name", ["archard", "self_heating", "power"])
-def test_each_law_has_the_same_bends_and_one_between_two_errs_by_little(name):
+def test_all_laws_have_the_same_bends_and_interpolation_errs_by_little(name):
     """Over three quarters of life, the error is below half of the 20 % allowed for a prediction."""
     law, bends, left = TRACKED_LAWS[name], [], []
     for curve in law.curves(LIMIT):
@@ -202,7 +202,7 @@ def test_each_law_has_the_same_bends_and_one_between_two_errs_by_little(name):
     assert 0.5 * np.max(np.abs(np.diff(np.log(left)))) < 0.5 * 0.2
 
 
-def test_laws_with_all_their_bends_are_equally_probable_and_one_sided_faults_do_not_drift():
+def test_laws_are_equally_probable_with_all_their_bends_and_one_sided_faults_do_not_drift():
     cells = grid(HealthLimits(), TrackerSettings())
     for component in ("friction", "gain"):
         own = (cells.component == COMPONENTS.index(component)) & ~cells.wanders
@@ -213,7 +213,7 @@ def test_laws_with_all_their_bends_are_equally_probable_and_one_sided_faults_do_
         assert share["drift"] == pytest.approx(drifts)
 
 
-def test_known_law_is_the_only_one():
+def test_given_law_is_the_only_one():
     known = KnownLaw("self_heating", 1e-4, shape=6.0)
     cells = grid(HealthLimits(), TrackerSettings(laws={"friction": known}))
     own = (cells.component == COMPONENTS.index("friction")) & (cells.prior < 0.5)

@@ -22,7 +22,7 @@ def mixture(mechanisms: Mechanisms) -> Mixture:
     return Mixture(LIMITS, SETTINGS, mechanisms)
 
 
-def test_all_mechanisms_have_a_part_by_default():
+def test_all_mechanisms_are_active_by_default():
     whole = mixture(MECHANISMS)
     cells = whole.bank.cells
     assert 0.0 < cells.prior[cells.wanders].sum() < cells.prior.sum()
@@ -32,7 +32,7 @@ def test_all_mechanisms_have_a_part_by_default():
 
 
 @pytest.mark.parametrize("law", ["jumps", "logistic"])
-def test_law_that_is_left_out_has_no_cells(law):
+def test_disabled_law_has_no_cells(law):
     cells = mixture(Mechanisms(laws=tuple(set(MECHANISMS.laws) - {law}))).bank.cells
     assert cells.prior[cells.slices[law]].size == 0
 
@@ -45,7 +45,7 @@ def test_rates_wander_never_or_always():
     assert not steady.any()
 
 
-def test_waves_without_prior_stay_impossible():
+def test_waves_without_prior_are_impossible():
     tracker, rng = Tracker(LIMITS, SETTINGS, Mechanisms(wave=0.0)), np.random.default_rng(0)
     for test in range(6):
         tracker.update(observed(10.0 * test, {"friction": 0.01 * test}, rng))
@@ -53,14 +53,14 @@ def test_waves_without_prior_stay_impossible():
     assert not sample.is_wave.any()
 
 
-def test_growth_without_a_change_for_good_keeps_its_rate():
+def test_growth_without_lasting_changes_keeps_its_rate():
     observed_hours, rng = np.full(7, 300.0), np.random.default_rng(0)
     assert np.any(draw(mixture(MECHANISMS), 200, observed_hours, rng).changed != 1.0)
     lasting = mixture(Mechanisms(changed=(1.0, 1.0)))
     assert np.all(draw(lasting, 200, observed_hours, rng).changed == 1.0)
 
 
-def test_tracker_uses_the_detector_and_the_check_that_it_is_given():
+def test_tracker_uses_the_given_detector_and_check():
     class Deaf(OutlierDetector):
         def judge(self, measurement, mean, variance, tests):
             none = np.zeros(len(mean), dtype=bool)

@@ -32,7 +32,7 @@ def test_relative_accuracy_has_no_lower_bound_and_is_zero_without_a_prediction()
     assert values == pytest.approx([-1.0, 0.0, 0.0])
 
 
-def test_cumulative_accuracy_is_the_mean_over_the_part_of_life_that_is_asked_for():
+def test_cumulative_accuracy_is_the_mean_over_the_requested_part_of_life():
     late = TRUTH[HOURS >= 500.0]
     expected = np.mean(1.0 - 20.0 / late)
     assert metrics.cumulative_relative_accuracy(HOURS, TRUTH + 20.0, END) == pytest.approx(expected)
@@ -41,7 +41,7 @@ def test_cumulative_accuracy_is_the_mean_over_the_part_of_life_that_is_asked_for
     assert math.isnan(metrics.cumulative_relative_accuracy(HOURS, rul, END, 0.991))
 
 
-def test_accuracy_on_event_time_flatters():
+def test_accuracy_on_event_time_is_too_favourable():
     """A prediction that is useless late in life scores close to 1 on the time of the event."""
     late = HOURS >= 500.0
     useless = np.zeros(late.sum())
@@ -51,7 +51,7 @@ def test_accuracy_on_event_time_flatters():
     assert on_event > 0.7
 
 
-def test_probability_within_counts_samples_on_the_bounds_and_none_that_are_infinite():
+def test_probability_within_includes_samples_on_the_bounds_and_no_infinite_ones():
     samples = [[1.0, 2.0, 3.0, np.inf], [1.0, np.nan, np.inf, np.inf]]
     assert metrics.probability_within(samples, [1.0, 0.0], [2.0, np.inf]) == pytest.approx(
         [0.5, 0.25]
@@ -93,7 +93,7 @@ def test_lambda_judges_the_latest_prediction_up_to_its_time():
     ],
     ids=["rectangle", "triangle"],
 )
-def test_convergence_is_the_distance_to_the_centre_of_the_area(error, centre):
+def test_convergence_is_the_distance_to_the_centroid_of_the_area(error, centre):
     hours = np.linspace(0.0, 900.0, 90_001)
     found = metrics.convergence(hours + 100.0, error(hours), 100.0)
     assert found == pytest.approx(math.hypot(*centre), rel=1e-4)

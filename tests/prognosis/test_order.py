@@ -43,7 +43,7 @@ def healthy(path: Path | None = None) -> Unit:
     return unit
 
 
-def test_clock_that_goes_back_leaves_the_order_to_the_reception():
+def test_after_a_backward_step_of_the_clock_the_order_of_reception_counts():
     unit = healthy()
     back_ns = FIRST_NS + 3 * PERIOD_NS - 3600 * S
     levels = []
@@ -62,7 +62,7 @@ def test_clock_that_goes_back_leaves_the_order_to_the_reception():
 
 
 @pytest.mark.parametrize("test", ["friction", "failed"])
-def test_history_that_is_ahead_of_the_clock_is_no_ok(tmp_path: Path, test: str):
+def test_history_ahead_of_the_clock_is_not_ok(tmp_path: Path, test: str):
     path = tmp_path / "flap+SIM-0001.sqlite"
     healthy(path).history.close()
     now_ns = FIRST_NS - 3000 * S
@@ -105,7 +105,7 @@ def test_different_test_with_a_known_stamp_makes_the_level_unknown(received: boo
     assert known.health.level == STALE
 
 
-def test_test_that_comes_again_does_not_renew_the_claim():
+def test_repeated_test_does_not_renew_a_level():
     unit = Unit(History(*UNIT), LIVE)
     test = stamped(100 * S, friction=0.02)
     first = unit.update(test, None, LIVE, received_ns=FIRST_NS)
@@ -136,7 +136,7 @@ def test_without_a_clock_the_order_of_reception_counts(spread_s: float):
 
 
 @pytest.mark.parametrize("late_s", [3.0, 1800.0])
-def test_live_test_that_is_older_than_the_newest_one_makes_the_level_unknown(late_s: float):
+def test_live_test_older_than_the_newest_one_makes_the_level_unknown(late_s: float):
     unit = healthy()
     end_ns = FIRST_NS + 2 * PERIOD_NS - round(late_s * S)
     now_ns = FIRST_NS + 2 * PERIOD_NS + 5 * S
@@ -148,7 +148,7 @@ def test_live_test_that_is_older_than_the_newest_one_makes_the_level_unknown(lat
     assert level_at(unit.update(test, None, LIVE, received_ns=test.end_ns), test.end_ns) == OK
 
 
-def test_tests_after_simulated_time_went_back_are_those_of_the_first_pass():
+def test_tests_after_simulated_time_went_back_repeat_the_first_pass():
     unit, tests = (
         Unit(History(*UNIT), LIVE),
         [made_test(n, seed=3, friction=0.02) for n in range(4)],
@@ -160,7 +160,7 @@ def test_tests_after_simulated_time_went_back_are_those_of_the_first_pass():
     assert repr(again) == repr(first[2:])
 
 
-def test_stamps_that_go_back_within_a_bag_are_noticed():
+def test_stamps_that_go_back_within_a_bag_are_detected():
     stamps = [(10, 20), (30, 40), (0, 5)]
     tests = [StampedTest(*one, "a", one) for one in stamps]
     assert "went back" in text_of(unordered(tests)["a"])
@@ -172,7 +172,7 @@ def test_stamps_that_go_back_within_a_bag_are_noticed():
 @pytest.mark.parametrize(
     ("first_ns", "advises"), [(0, True), (5 * 86_400 * S, True), (FIRST_NS, False)]
 )
-def test_tests_without_a_date_at_the_same_time_advise_to_give_the_date(first_ns, advises):
+def test_undated_tests_at_the_same_time_suggest_giving_the_date(first_ns, advises):
     tests = [StampedTest(first_ns, first_ns + 20 * S, bag, bag) for bag in ("a", "b")]
     reasons = unordered(tests)
     assert set(reasons) == {"a", "b"}

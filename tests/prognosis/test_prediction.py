@@ -50,7 +50,7 @@ def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, flo
         ("drift", 3e-4, 0.0, 0.3),
     ],
 )
-def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
+def test_first_passage_agrees_with_simulated_growth(law, rate, shape, x):
     mixture, cell_rate = sure_of(law, rate, shape, x)
     rng = np.random.default_rng(0)
     # The rates equal those of the cell, so that only the noise is compared.
@@ -73,7 +73,7 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
     return hours - 10.0 * (after - 0.5) / (after - before)
 
 
-def test_growth_of_unknown_law_may_change_for_good():
+def test_growth_of_unknown_law_may_change_permanently():
     rng, known = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
     for settings, hours in ((known, 300.0), (TrackerSettings(), 0.0)):
         assert np.all(draw(Mixture(LIMITS, settings), 100, np.full(7, hours), rng).changed == 1.0)
@@ -98,7 +98,7 @@ def tracker() -> Tracker:
     return tracker
 
 
-def test_lives_scale_with_one_over_duty(tracker):
+def test_lives_are_inversely_proportional_to_the_duty(tracker):
     one, double = tracker.predict(), tracker.predict(FutureDuty(2.0))
     np.testing.assert_allclose(double.samples, one.samples / 2.0)
     assert double.overall.hours_50 == pytest.approx(one.overall.hours_50 / 2.0)
@@ -123,7 +123,7 @@ def test_overall_life_is_the_earliest_of_the_components(tracker):
     assert prognosis.components["gain"].reason == "no significant growth"
 
 
-def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
+def test_overall_life_includes_a_fault_whose_growth_is_not_certain_so_far():
     """A fast short circuit has just begun next to slow wear; the life by wear is too long."""
     tracker = Tracker()
     growth = {
@@ -139,7 +139,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
     assert prognosis.overall.criterion == "short circuit C exceeds 0.25"
 
 
-def test_nothing_is_reported_before_any_test():
+def test_nothing_is_reported_before_the_first_test():
     prognosis = Tracker().predict()
     assert not prognosis.overall.known
     assert prognosis.overall.reason == "fewer than two tests agree so far"
@@ -165,7 +165,7 @@ def test_life_beyond_the_horizon_is_not_reported():
     assert "horizon of 300 h" in one.predict().overall.reason
 
 
-def test_fan_starts_at_the_present_and_widens(tracker):
+def test_fan_starts_at_the_current_value_and_widens(tracker):
     fan = tracker.fan([0.0, 20.0, 50.0, 90.0])
     friction = fan.values["friction"]
     assert friction.shape == (3, 4)
@@ -191,7 +191,7 @@ def test_impossible_future_hours_are_refused(tracker, hours):
         tracker.futures(hours)
 
 
-def test_tests_until_growth_is_certain_are_predicted_from_the_evidence_of_a_test_so_far():
+def test_tests_until_growth_is_certain_are_predicted_from_the_evidence_per_test():
     # From 0.5 to 0.05 in ten tests is a factor of 10; 1e-4 is 500 times lower: 27 tests.
     words = growth_not_certain(0.05, 10)
     assert words == "growth is not certain yet: its probability is 0.950 (about 27 more tests)"
@@ -214,7 +214,7 @@ def test_tests_until_a_life_is_within_the_horizon_are_reported(median: float, wo
     assert beyond_horizon(median, 100.0, 11, TrackerSettings(horizon_factor=10.0)) == words
 
 
-def test_what_is_waited_for_comes_in_about_as_many_tests_as_reported():
+def test_expected_number_of_waiting_tests_is_about_right():
     tracker = Tracker(settings=TrackerSettings(horizon_factor=1.0))
     reported: dict[int, int] = {}
     number, rng = 0, np.random.default_rng(1)

@@ -52,7 +52,7 @@ def test_healthy_actuator_meets_every_default(requirements):
         assert item.share == pytest.approx(0.0, abs=1e-12)
 
 
-def test_healthy_figures_are_those_documented(requirements):
+def test_healthy_performance_equals_the_documented_values(requirements):
     healthy = requirements.healthy
     assert healthy["tracking_error"] == pytest.approx(2.14e-3, abs=5e-6)
     assert healthy["bandwidth"] == pytest.approx(32.9, abs=0.1)
@@ -60,12 +60,12 @@ def test_healthy_figures_are_those_documented(requirements):
     assert healthy["torque_margin"] == pytest.approx(0.653, abs=1e-3)
 
 
-def test_limit_that_a_healthy_actuator_misses_is_refused_with_both_figures():
+def test_limit_that_a_healthy_actuator_misses_is_refused_with_both_values():
     with pytest.raises(ValueError, match=r"torque_margin: .* 0\.653 1 and misses .* 0\.9 1"):
         Requirements(ACTUATOR, RequirementLimits(torque_margin=0.9))
 
 
-def test_free_play_sigma_is_that_of_the_backlash_times_its_slope(requirements):
+def test_free_play_sigma_is_the_backlash_sigma_times_its_slope(requirements):
     P = covariance()
     P[1, 1] = 0.03**2
     item = health_of(requirements, fault_vector({"backlash": 0.3}), P)["free_play"]
@@ -74,7 +74,7 @@ def test_free_play_sigma_is_that_of_the_backlash_times_its_slope(requirements):
     assert (item.limit, item.limit_is_lower) == (5e-4, False)
 
 
-def test_sigma_is_the_spread_of_performance_over_samples_of_the_faults(requirements):
+def test_sigma_equals_the_spread_of_performance_over_samples_of_the_faults(requirements):
     k = fault_vector({"backlash": 0.2, "friction": 0.3, "gain": 0.3})
     P = np.diag([0.02, 0.02, 0, 0, 0, 0, 0, 0.02]) ** 2
     P[0, 1] = P[1, 0] = 0.8 * 0.02**2
@@ -86,7 +86,7 @@ def test_sigma_is_the_spread_of_performance_over_samples_of_the_faults(requireme
         assert item.sigma == pytest.approx(spread, rel=0.08)
 
 
-def test_levels_go_from_ok_over_warn_to_error(requirements):
+def test_levels_rise_from_ok_over_warn_to_error(requirements):
     levels = [
         health_of(requirements, fault_vector({"backlash": k}), covariance(0.005))["free_play"].level
         for k in (0.05, 0.25, 0.6)
@@ -102,7 +102,7 @@ def test_bandwidth_is_below_its_limit_when_it_fails():
     assert item.level == ERROR
 
 
-def test_unobservable_fault_hides_only_the_performance_it_matters_to(requirements):
+def test_unobservable_fault_hides_only_the_performance_that_it_affects(requirements):
     P = covariance()
     gain = FAULT_NAMES.index("gain")
     P[gain] = P[:, gain] = np.nan
@@ -113,20 +113,20 @@ def test_unobservable_fault_hides_only_the_performance_it_matters_to(requirement
     assert np.isfinite(found["free_play"].sigma)
 
 
-def test_direction_of_an_eccentricity_that_is_not_there_hides_nothing(requirements):
+def test_direction_of_an_absent_eccentricity_hides_nothing(requirements):
     for item in requirements.judge(healthy_faults(), without_phase(1e-3)).healths:
         assert item.level == OK
         assert np.isfinite(item.sigma)
 
 
-def test_direction_of_a_large_eccentricity_matters_to_the_torque(requirements):
+def test_direction_of_a_large_eccentricity_affects_the_torque(requirements):
     faults = fault_vector({"eccentricity": 0.4, "short_circuit_a": 0.2})
     found = health_of(requirements, faults, without_phase(1e-3))
     assert found["torque_margin"].level == STALE
     assert found["free_play"].level == OK
 
 
-def test_unknown_faults_leave_every_requirement_stale(requirements):
+def test_unknown_faults_make_every_requirement_stale(requirements):
     for item in requirements.judge(np.full(8, np.nan), np.full((8, 8), np.nan)).healths:
         assert item.level == STALE
         assert np.isnan(item.value)
@@ -160,7 +160,7 @@ def moved_by_monitor_model(command: Command, faults, dt):
 @pytest.mark.parametrize(
     "faults", [{}, {"backlash": 0.3}, {"friction": 0.4, "gain": 0.2, "short_circuit_b": 0.2}]
 )
-def test_tracking_error_is_that_of_the_monitor_model(model, faults):
+def test_tracking_error_equals_that_of_the_monitor_model(model, faults):
     k = fault_vector(faults)
     command, position, _ = moved_by_monitor_model(THESIS_CHIRP, k, model.dt)
     expected = np.abs(command - position).max()
@@ -212,7 +212,7 @@ def test_amplitude_of_a_steady_sine_falls_by_3_db_at_the_bandwidth(model, faults
         ("eccentricity", np.linspace(0.0, 1.0, 6), "torque_margin", -1),
     ],
 )
-def test_performance_falls_with_the_fault_that_matters(model, fault, values, performance, sense):
+def test_performance_decreases_with_the_relevant_fault(model, fault, values, performance, sense):
     found = getattr(model.performance(along(fault, values)), performance)
     assert np.all(sense * np.diff(found) > 0.0)
 
@@ -227,7 +227,7 @@ def test_many_actuators_perform_as_each_alone(model):
             assert getattr(together, name)[row] == getattr(alone, name)[0]
 
 
-def test_performance_of_unknown_faults_is_unknown_and_spoils_no_other(model):
+def test_performance_with_unknown_faults_is_unknown_and_affects_no_other(model):
     faults = along("friction", [0.1, np.nan, 0.1])
     found = model.performance(faults)
     for name in ("tracking_error", "bandwidth", "torque_margin"):
@@ -241,7 +241,7 @@ def test_faults_beyond_their_range_count_as_at_its_end(model):
         assert values[0] == values[1]
 
 
-def test_step_of_50_us_gives_what_2_us_gives(monkeypatch):
+def test_step_of_50_us_gives_the_result_of_2_us(monkeypatch):
     faults = np.concatenate([along("backlash", [0.0, 0.3]), along("gain", [0.1])])
     coarse = PerformanceModel(ACTUATOR).performance(faults)
     monkeypatch.setattr(requirements_performance, "LONGEST_STEP", 2e-6)
@@ -251,12 +251,12 @@ def test_step_of_50_us_gives_what_2_us_gives(monkeypatch):
     np.testing.assert_allclose(coarse.torque_margin, fine.torque_margin, atol=0.004)
 
 
-def test_bandwidth_sought_is_refused_by_value():
+def test_requested_bandwidth_out_of_range_is_refused_by_value():
     with pytest.raises(ValueError, match=r"bandwidth_sought = 0\.0 Hz"):
         PerformanceModel(ACTUATOR, 0.0)
 
 
-def test_faults_of_another_length_are_refused(model):
+def test_faults_of_a_wrong_length_are_refused(model):
     with pytest.raises(ValueError, match="8 components"):
         model.performance(np.zeros(7))
 
@@ -305,7 +305,7 @@ def by_brute_force(requirements, future, name):
         ("eccentricity", 0.9, ("torque_margin",)),
     ],
 )
-def test_first_failure_is_that_of_the_model_at_every_hour(requirements, fault, end, failing):
+def test_first_failure_equals_that_of_the_model_at_every_hour(requirements, fault, end, failing):
     future = growing(fault, end, seed=3)
     found = failure_hours(requirements, future, HOURS)
     for name in failing:
@@ -323,7 +323,7 @@ def test_first_failure_is_that_of_the_model_at_every_hour(requirements, fault, e
 
 
 @pytest.mark.slow
-def test_low_gain_ends_life_by_tracking_and_bandwidth_where_these_are_strict():
+def test_low_gain_ends_life_by_tracking_and_bandwidth_if_these_are_strict():
     strict = Requirements(ACTUATOR, RequirementLimits(tracking_error=0.5e-3, bandwidth=25.0))
     future = growing("gain", 0.5, seed=8)
     found = failure_hours(strict, future, HOURS)
@@ -340,13 +340,13 @@ def test_free_play_fails_at_the_closed_form_hour(requirements):
     assert hours == pytest.approx(1000.0 * limit, rel=1e-9)
 
 
-def test_constant_healthy_faults_fail_nothing(requirements):
+def test_constant_healthy_faults_violate_no_requirement(requirements):
     future = np.tile(healthy_faults(), (20, len(HOURS), 1))
     found = failure_hours(requirements, future, HOURS)
     assert all(np.isinf(found[name]).all() for name in REQUIREMENTS)
 
 
-def test_what_fails_already_fails_at_once(requirements):
+def test_requirement_that_fails_already_fails_at_once(requirements):
     future = np.tile(healthy_faults(), (20, len(HOURS), 1))
     future[:, :, 1] = 0.8
     found = failure_hours(requirements, future, HOURS)
@@ -354,7 +354,7 @@ def test_what_fails_already_fails_at_once(requirements):
     assert not found["torque_margin"].any()
 
 
-def test_sample_reaches_a_fault_limit_where_its_first_component_does():
+def test_sample_reaches_a_fault_limit_with_its_first_component():
     hours = np.linspace(0.0, 100.0, 33)
     rng = np.random.default_rng(0)
     paths = np.tile(healthy_faults(), (200, 33, 1))
@@ -390,7 +390,7 @@ def test_first_failure_is_the_earliest_in_each_sample(failures):
     assert (lives["free_play"].hours_50, lives["torque_margin"].hours_50) == (149.0, 500.0)
 
 
-def test_life_is_not_known_when_less_than_half_of_the_samples_fail(failures):
+def test_life_is_unknown_if_less_than_half_of_the_samples_fail(failures):
     failures["free_play"][:] = np.inf
     failures["torque_margin"] = np.where(np.arange(100) < 51, np.inf, 50.0)
     lives, overall, dominant = lives_by_requirements(failures, RequirementLimits(), 1000.0)

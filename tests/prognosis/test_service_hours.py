@@ -37,7 +37,7 @@ def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[Finding]]:
     return service, [event for entry in entries for event in service.add(entry)]
 
 
-def test_test_with_a_new_count_is_at_its_hours_at_once():
+def test_test_with_a_new_count_has_its_hours_at_once():
     service = ServiceHours()
     counts = [0.0, 10.0, 20.0, 30.0]
     for number, entry in enumerate(counted_at(counts)):
@@ -46,7 +46,7 @@ def test_test_with_a_new_count_is_at_its_hours_at_once():
         assert (service.hours, service.unknown) == (counts[number], "")
 
 
-def test_tests_on_one_count_are_interpolated_by_stamps_when_the_next_count_comes():
+def test_tests_with_one_count_are_interpolated_by_stamps_when_the_next_count_arrives():
     """Ten tests with one count would have the same hour, so that faults would grow in zero time."""
     entries = counted_at([0.0, *[STALE] * 9, 100.0, *[STALE] * 3])
     service, events = added(entries)
@@ -59,7 +59,7 @@ def test_tests_on_one_count_are_interpolated_by_stamps_when_the_next_count_comes
     assert all(one.hours < other.hours for one, other in pairwise(service.used))
 
 
-def test_count_that_is_not_renewed_has_stopped_after_ten_tests():
+def test_count_that_is_not_renewed_counts_as_stopped_after_ten_tests():
     entries = counted_at([0.0, *[STALE] * 11, 120.0])
     service = ServiceHours()
     for entry in entries[:10]:
@@ -75,7 +75,7 @@ def test_count_that_is_not_renewed_has_stopped_after_ten_tests():
 
 
 @pytest.mark.parametrize("wrong", [3.0, 2000.0, 50_000.0])
-def test_one_wrong_count_costs_nothing_but_a_wait(wrong: float):
+def test_single_wrong_count_only_causes_a_wait(wrong: float):
     counts = [10.0 * n for n in range(12)]
     counts[8] = wrong
     service = ServiceHours()
@@ -136,7 +136,7 @@ CHANGED = {
 
 
 @pytest.mark.parametrize(("counts", "texts", "hours"), CHANGED.values(), ids=CHANGED)
-def test_changed_count_is_used_where_the_next_confirms_it(counts, texts, hours):
+def test_changed_count_is_used_if_the_next_one_confirms_it(counts, texts, hours):
     """Nothing may grow in zero time."""
     service, events = added(counted_at(counts))
     assert [text for _, text in events] == texts
@@ -156,13 +156,13 @@ def test_changed_count_is_used_where_the_next_confirms_it(counts, texts, hours):
         ((5.0, 4.0), True),
     ],
 )
-def test_jump_beyond_ten_times_the_most_hours_a_cycle_is_held(counts, is_held: bool):
+def test_jump_beyond_ten_times_the_most_hours_per_cycle_is_held(counts, is_held: bool):
     service, _ = added(counted_at(counts))
     assert bool(service.unknown) == is_held
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_hours_never_go_back_and_do_not_depend_on_when_tests_are_added(seed: int):
+def test_hours_never_decrease_and_do_not_depend_on_when_tests_are_added(seed: int):
     rng = np.random.default_rng(seed)
     counts = [None if rng.random() < 0.3 else float(rng.integers(0, 60)) for _ in range(25)]
     entries = counted_at([0.0, *counts])
@@ -176,7 +176,7 @@ def test_hours_never_go_back_and_do_not_depend_on_when_tests_are_added(seed: int
         assert stamps == sorted(stamps)
 
 
-def test_without_count_and_hours_per_cycle_hours_are_unknown():
+def test_hours_without_count_and_hours_per_cycle_are_unknown():
     service, _ = added(counted_at([STALE, STALE]))
     assert "no count was received on topic usage" in service.unknown
     assert "hours_per_cycle is 0" in service.unknown
@@ -214,7 +214,7 @@ def usage(*days_and_hours: tuple[float, float]) -> float:
     return service.usage
 
 
-def test_usage_is_that_of_the_last_ninety_days():
+def test_usage_is_averaged_over_the_last_ninety_days():
     # 10 h per day at first, and 4 h per day later.
     days = ((0, 0), (100, 1000), (150, 1200), (200, 1400))
     assert usage(*days) == pytest.approx(4.0)
@@ -231,7 +231,7 @@ def test_usage_is_that_of_the_last_ninety_days():
         ((0, 0), (100, 1000)),
     ],
 )
-def test_usage_is_unknown_without_a_day_or_where_the_clocks_are_not_one(used):
+def test_usage_is_unknown_without_dates_or_with_inconsistent_clocks(used):
     assert math.isnan(usage(*used))
 
 
@@ -260,7 +260,7 @@ def test_latest_count_of_a_unit_by_a_time_is_returned_regardless_of_the_order():
     assert math.isnan(latest(log, OTHER))
 
 
-def test_counts_before_any_description_are_of_the_unit_described_first():
+def test_counts_before_any_description_belong_to_the_unit_described_first():
     log = CountLog()
     log.add(B, count(1))
     log.add(UNNAMED, count(2))
@@ -271,7 +271,7 @@ def test_counts_before_any_description_are_of_the_unit_described_first():
     assert math.isnan(latest(log, OTHER))
 
 
-def test_of_counts_of_one_stamp_one_that_names_the_unit_or_the_last_holds():
+def test_among_counts_with_one_stamp_the_one_that_names_the_unit_or_the_last_applies():
     log = CountLog()
     log.add(UNNAMED, Count(1, 5.0, 0))
     log.add(A, Count(1, 6.0, 0))
@@ -282,7 +282,7 @@ def test_of_counts_of_one_stamp_one_that_names_the_unit_or_the_last_holds():
     assert latest(log, A) == 8.0
 
 
-def test_frequent_counts_do_not_push_out_the_one_that_applies():
+def test_frequent_counts_do_not_displace_the_applicable_one():
     """A hundred counts per second arrive for ten minutes, while a window waits."""
     log = CountLog()
     log.add(A, count(1))

@@ -46,7 +46,7 @@ def outlook_after(
 @pytest.mark.parametrize("service", [Service(), HOURS], ids=["no hours", "hours"])
 @pytest.mark.parametrize("settings", [LIVE, COMMAND], ids=["live", "command"])
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_fault_that_the_tests_stopped_showing_ends_ok(
+def test_fault_that_tests_no_longer_show_ends_ok(
     name: str, settings: PrognosisSettings, service: Service
 ):
     settings = replace(settings, service=service)
@@ -70,7 +70,7 @@ def test_fault_that_the_tests_stopped_showing_ends_ok(
             assert "no recent test has shown" in outlook.health.reason
 
 
-def test_mixed_motion_that_shows_each_fault_in_turn_stays_ok():
+def test_motions_that_show_each_fault_in_turn_stay_ok():
     first, second = COMPONENTS[:4], COMPONENTS[4:]
     for settings in (LIVE, COMMAND, replace(LIVE, service=HOURS)):
         outlook = outlook_after([first, second] * 4, settings)
@@ -85,7 +85,7 @@ def test_first_test_that_hides_a_fault_is_not_ok():
     assert all(one.level != OK for one in outlook.health.requirements if one.name == "free_play")
 
 
-def test_ok_ends_when_the_oldest_showing_test_does_not_when_the_newest_one_does():
+def test_ok_ends_with_the_oldest_needed_test_and_not_with_the_newest():
     settings = replace(LIVE, service=HOURS)
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, hidden in enumerate([(), ("backlash",), ("backlash",)]):
@@ -128,9 +128,7 @@ def test_fault_that_needs_many_weak_tests_is_not_shown_by_the_latest():
 
 @pytest.mark.parametrize("has_clock", [True, False])
 @pytest.mark.parametrize("refused", [True, False])
-def test_fault_that_was_shown_before_the_clock_went_back_is_not_recent(
-    has_clock: bool, refused: bool
-):
+def test_fault_shown_before_the_clock_went_back_is_not_recent(has_clock: bool, refused: bool):
     """The age of the test is unknown: the tests after the step are moved behind it."""
     settings = replace(LIVE, has_clock=has_clock)
     unit, first = Unit(History(*UNIT), settings), made_test(0)

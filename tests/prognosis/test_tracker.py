@@ -39,7 +39,7 @@ def test_true_law_is_the_most_probable_late_in_life(law, growth, until):
     assert laws["constant"] < 1e-3
 
 
-def test_growth_that_begins_late_is_found_when_it_begins():
+def test_onset_of_growth_is_detected():
     tracker = Tracker()
     growth = {"short_circuit_a": Growth("self_heating", 3e-4, 6.0, onset=500.0)}
     rng = np.random.default_rng(4)
@@ -62,7 +62,7 @@ def test_change_of_rate_is_learned_in_a_few_tests():
 
 @pytest.mark.parametrize("two_sided", [False, True])
 @pytest.mark.parametrize("mean", [-0.004, 0.0, 0.004, 0.01])
-def test_being_near_healthy_updates_as_bayes_rule_does(mean, two_sided):
+def test_near_healthy_measurement_updates_by_bayes_rule(mean, two_sided):
     sd, sigma = 0.003, 0.002
     x = np.linspace(mean - 10 * sd, mean + 10 * sd, 40_001)
     below = np.array([0.5 * math.erfc((v - 2 * sigma) / sigma / math.sqrt(2)) for v in x])
@@ -86,7 +86,7 @@ def test_being_near_healthy_updates_as_bayes_rule_does(mean, two_sided):
     assert log_likelihood[0] == pytest.approx(math.log(total), abs=1e-4)
 
 
-def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
+def test_unobservable_component_stays_unknown_and_does_not_affect_the_others():
     one, other = Tracker(), Tracker()
     rng = np.random.default_rng(5)
     for i in range(30):
@@ -102,7 +102,7 @@ def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
     assert repr(of(other, "friction")) == repr(of(one, "friction"))
 
 
-def test_component_unobservable_for_a_while_grows_less_certain():
+def test_component_unobservable_for_a_while_becomes_less_certain():
     tracker = Tracker()
     feed(tracker, {"friction": Growth("linear", 1e-3)}, 200.0, np.random.default_rng(6))
     before = of(tracker, "friction")
@@ -116,7 +116,7 @@ def test_component_unobservable_for_a_while_grows_less_certain():
     assert after.tests == before.tests
 
 
-def test_component_put_back_to_healthy_is_not_mistaken_for_exactly_healthy():
+def test_component_set_to_healthy_is_not_mistaken_for_exactly_healthy():
     tracker = Tracker()
     for i in range(40):
         tracker.update(observed(10.0 * i, {"friction": 1.5 * SIGMA}))
@@ -127,7 +127,7 @@ def test_component_put_back_to_healthy_is_not_mistaken_for_exactly_healthy():
     assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
 
 
-def test_gain_is_followed_to_either_side():
+def test_gain_is_tracked_on_both_sides_of_healthy():
     for sign in (-1.0, 1.0):
         tracker = Tracker()
         growth = {"gain": Growth("linear", sign * 3e-4)}
@@ -139,7 +139,7 @@ def test_gain_is_followed_to_either_side():
         assert tracker.predict().components["gain"].hours_50 == pytest.approx(truth, rel=0.3)
 
 
-def test_restored_and_frozen_trackers_state_the_same_as_the_one_they_are_of():
+def test_restored_and_frozen_trackers_equal_their_originals():
     whole, rng = Tracker(), np.random.default_rng(9)
     faults = [{"friction": 0.1, "eccentricity": 4e-3 * i} for i in range(60)]
     tests = [observed(10.0 * i, one, rng) for i, one in enumerate(faults)]
@@ -210,7 +210,7 @@ def test_outlier_is_reported_once_and_never_used(grown):
     assert of(tracker, "friction").value == pytest.approx(of(twin, "friction").value, abs=1e-3)
 
 
-def test_repair_restarts_the_level_and_reopens_the_growth(grown):
+def test_repair_resets_the_level_and_the_certainty_of_growth(grown):
     tracker, faults, rng = grown
     assert tracker.predict().overall.known
     repaired = faults.copy()
@@ -224,7 +224,7 @@ def test_repair_restarts_the_level_and_reopens_the_growth(grown):
     assert not tracker.predict().components["friction"].known
 
 
-def test_repair_of_several_faults_is_known_after_two_tests_though_their_growth_is_uncertain():
+def test_repair_of_several_faults_is_confirmed_after_two_tests_despite_uncertain_growth():
     growths = {
         "friction": Growth("exponential", rate=8.5e-3, shape=0.05, noise=0.2),
         "backlash": Growth("archard", rate=6e-4, shape=3.0, noise=0.2),
@@ -238,7 +238,7 @@ def test_repair_of_several_faults_is_known_after_two_tests_though_their_growth_i
         assert all(of(tracker, name).value < 0.03 for name in growths)
 
 
-def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
+def test_step_raises_the_level_and_keeps_the_rate_with_less_certainty(grown):
     tracker, faults, rng = grown
     before, own = of(tracker, "friction"), tracker._mixture.members[0]
     sure = tracker._mixture.weight[own].max()
@@ -256,7 +256,7 @@ def test_step_raises_the_level_and_keeps_the_rate_but_less_surely(grown):
     assert life.known
 
 
-def test_gain_that_comes_nearer_to_healthy_is_repaired_on_either_side():
+def test_gain_that_moves_closer_to_healthy_is_a_repair_on_either_side():
     for gain in (0.35, 0.65):
         tracker, rng = Tracker(), np.random.default_rng(1)
         feed(tracker, {}, 200.0, rng, {"gain": gain})
@@ -265,7 +265,7 @@ def test_gain_that_comes_nearer_to_healthy_is_repaired_on_either_side():
         assert (event.kind, event.component) == ("repair", "gain")
 
 
-def test_jump_of_the_size_of_occasional_errors_must_show_three_times():
+def test_jump_of_the_size_of_occasional_errors_must_appear_three_times():
     tracker, rng = Tracker(), np.random.default_rng(2)
     feed(tracker, {}, 400.0, rng, {"backlash": 0.1})
     kinds = []
@@ -275,7 +275,7 @@ def test_jump_of_the_size_of_occasional_errors_must_show_three_times():
     assert of(tracker, "backlash").value == pytest.approx(0.138, abs=SIGMA)
 
 
-def test_two_wrong_tests_in_a_row_do_not_pass_for_a_change():
+def test_two_wrong_tests_in_a_row_are_not_mistaken_for_a_change():
     tracker, rng = Tracker(), np.random.default_rng(3)
     faults = {"friction": 0.1, "backlash": 0.1, "eccentricity": 0.1}
     feed(tracker, {}, 300.0, rng, faults)
@@ -287,7 +287,7 @@ def test_two_wrong_tests_in_a_row_do_not_pass_for_a_change():
     assert of(tracker, "friction").value == pytest.approx(0.1, abs=SIGMA)
 
 
-def test_what_stays_off_is_used_in_the_end():
+def test_lasting_deviation_is_eventually_used():
     tracker, rng = Tracker(), np.random.default_rng(4)
     feed(tracker, {}, 300.0, rng, {"friction": 0.1})
     for hours, value in ((310.0, 0.3), (320.0, 0.5), (330.0, 0.3), (340.0, 0.5), (350.0, 0.5)):
@@ -324,7 +324,7 @@ def test_healthy_and_constant_actuators_have_no_events_and_no_remaining_life():
 NONE = np.zeros(8, dtype=bool)
 
 
-def test_measurement_of_an_estimate_has_its_figures():
+def test_measurement_of_an_estimate_has_its_values():
     faults = np.linspace(0.1, 0.8, 8)
     made = replace(made_test(0), faults=faults, covariance=1e-5 * np.eye(8), unobservable=NONE)
     seen = Measurement.of(made, 120)
@@ -347,7 +347,7 @@ def test_component_at_its_healthy_value_is_known_only_to_be_near_it():
     np.testing.assert_array_equal(np.flatnonzero(~seen.near_healthy), [0, 1])
 
 
-def test_unobservable_components_need_no_figures():
+def test_unobservable_components_need_no_values():
     faults, covariance = healthy_faults(), 1e-5 * np.eye(8)
     faults[PHASE] = np.nan
     covariance[PHASE] = covariance[:, PHASE] = np.nan

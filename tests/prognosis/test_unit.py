@@ -47,7 +47,7 @@ def grown() -> tuple[Unit, list[Outlook]]:
 
 
 @pytest.mark.slow
-def test_life_is_reported_for_each_fault_and_requirement_and_the_earlier_of_both(grown):
+def test_life_is_reported_for_each_fault_and_requirement_and_the_earliest(grown):
     last = grown[1][-1]
     truth = 10.0 * (math.log(11.0) / 0.03 - 59)
     life = last.lives["friction"]
@@ -69,7 +69,7 @@ def test_life_is_reported_for_each_fault_and_requirement_and_the_earlier_of_both
     assert last.dominant == "torque_margin"
 
 
-def test_trends_are_those_of_the_laws(grown):
+def test_trends_agree_with_the_laws(grown):
     trends = grown[1][-1].trends
     assert trends["friction"] == pytest.approx(0.003 * (friction(59) + 0.05), rel=0.25)
     assert trends["backlash"] == pytest.approx(6e-4, rel=0.25)
@@ -86,7 +86,7 @@ def test_trends_are_those_of_the_laws(grown):
     assert trends["torque_margin"] == pytest.approx((after - before) / 120.0, rel=0.15)
 
 
-def test_health_is_that_of_the_tracked_values(grown):
+def test_health_is_based_on_the_tracked_values(grown):
     prognostics, outlooks = grown
     last = outlooks[-1]
     [item] = [item for item in last.health.faults if item.name == "friction"]
@@ -110,7 +110,7 @@ def test_healthy_actuator_gets_no_life_and_no_alarm():
         assert last.rul.reason
 
 
-def test_same_test_again_changes_nothing(grown):
+def test_repeated_test_changes_nothing(grown):
     prognostics, outlooks = grown
     entries = len(prognostics.history.entries)
     same = prognostics.history.entries[59].estimate
@@ -131,7 +131,7 @@ def test_different_test_at_the_time_of_another_makes_the_level_unknown(number: i
     assert len(unit.history.entries) == 20
 
 
-def test_phases_on_both_sides_of_half_a_turn_are_of_the_same_test():
+def test_phases_on_both_sides_of_half_a_turn_belong_to_the_same_test():
     unit = Unit(History(*UNIT), TEN_HOURS)
     for phase in (0.001, 0.999):
         test = replace(made_test(0, eccentricity_phase=phase), covariance=1e-5 * np.eye(8))
@@ -140,7 +140,7 @@ def test_phases_on_both_sides_of_half_a_turn_are_of_the_same_test():
     assert "already in the history" in outlook.events[-1].text
 
 
-def test_other_duty_is_answered_without_changing_anything(grown):
+def test_other_duty_is_answered_without_changing_the_unit(grown):
     prognostics, outlooks = grown
     twice_as_hard = replace(TEN_HOURS, service=replace(TEN_HOURS.service, duty=2.0))
     twice = prognostics.outlook(PARAMETERS, twice_as_hard)
@@ -154,12 +154,12 @@ def test_other_duty_is_answered_without_changing_anything(grown):
     assert plain(prognostics.outlook(PARAMETERS, TEN_HOURS)) == plain(now)
 
 
-def test_without_history_there_is_no_answer():
+def test_nothing_is_answered_without_a_history():
     with pytest.raises(ValueError, match="no history yet"):
         Unit(History(*UNIT)).outlook(PARAMETERS, TEN_HOURS)
 
 
-def test_test_that_comes_late_is_reported_and_changes_no_level():
+def test_late_test_is_reported_and_changes_no_level():
     prognostics, before = lived(3)
     back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
@@ -172,7 +172,7 @@ def test_test_that_comes_late_is_reported_and_changes_no_level():
     )
 
 
-def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
+def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
     prognostics, _ = lived(20, known=19)
     outlooks: list[Any] = [
         prognostics.update(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
@@ -194,7 +194,7 @@ def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
 
 
 @pytest.mark.slow
-def test_limit_that_changes_counts_from_then_on_for_the_whole_history():
+def test_changed_limit_applies_to_the_whole_history():
     settings = replace(TEN_HOURS, limits=HealthLimits(friction=0.9))
     _, expected = lived(20, settings, known=19)
     prognostics, _ = lived(20, known=19)
@@ -222,7 +222,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     assert all(item.level == OK for item in last.health.faults)
 
 
-def test_set_aside_history_is_reported_with_the_first_test(tmp_path: Path):
+def test_renamed_history_is_reported_with_the_first_test(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     path.write_text("nothing\n")
     prognostics, outlooks = lived(2, path=path)
@@ -232,7 +232,7 @@ def test_set_aside_history_is_reported_with_the_first_test(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_what_is_not_known_to_grow_ends_no_life(grown, monkeypatch: pytest.MonkeyPatch):
+def test_fault_without_known_growth_ends_no_life(grown, monkeypatch: pytest.MonkeyPatch):
     unit, _ = grown
     expected = unit.outlook(PARAMETERS, TEN_HOURS)
     futures = Tracker.futures
@@ -312,7 +312,7 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("is_worn", [True, False])
-def test_one_count_too_high_raises_no_alarm(is_worn: bool):
+def test_single_count_too_high_raises_no_alarm(is_worn: bool):
     """Growth is not extrapolated to unconfirmed hours, but alarms do not wait."""
     outlooks = []
     prognostics = Unit(History(*UNIT))
@@ -345,7 +345,7 @@ def departed(number: int, *, valid: bool = True) -> Estimate:
 
 
 @pytest.mark.parametrize("valid", [True, False])
-def test_departure_that_no_fault_explains_is_a_warning_and_one_event(valid: bool):
+def test_departure_without_an_explanation_by_faults_is_a_warning_and_one_event(valid: bool):
     tests = [made_test(0), departed(1, valid=valid), departed(2, valid=valid), made_test(3)]
     outlooks = after(*tests)
     assert [one.health.level for one in outlooks] == [OK, WARN, WARN, OK]
@@ -363,7 +363,7 @@ def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
     assert cause_of_level(last).endswith(departed(1).reason)
 
 
-def test_departure_that_comes_late_is_an_event_and_no_level():
+def test_late_departure_is_an_event_without_a_level():
     _, late = after(made_test(1), departed(0))
     assert late.health.level == OK
     assert [one.text for one in late.events if one.kind == DEPARTURE] == [departed(0).reason]
@@ -384,7 +384,7 @@ def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
 
 
-def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test():
+def test_counted_cycles_take_precedence_and_one_wrong_count_costs_one_test():
     prognostics = Unit(History(*UNIT))
     cycles = []
     for number in range(8):
@@ -411,7 +411,7 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
     assert repr(last.health.faults) == repr(assess(estimate, HealthLimits()).faults)
 
 
-def test_count_that_was_read_after_the_test_does_not_count_for_it():
+def test_count_received_after_the_test_does_not_apply_to_it():
     prognostics = Unit(History(*UNIT))
     late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
     outlook = prognostics.update(made_test(0), None, COUNTED, late)

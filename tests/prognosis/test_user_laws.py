@@ -44,7 +44,7 @@ def settings_of(law: KnownLaw) -> TrackerSettings:
     return TrackerSettings(laws={"friction": law, "backlash": law})
 
 
-def test_law_of_a_user_predicts_as_the_same_law_of_the_package():
+def test_law_of_a_user_predicts_like_the_same_law_of_the_package():
     assert isinstance(OWN.law, GrowthLaw)
     trackers = [track(TESTS, HOURS, settings=settings_of(law)) for law in (OWN, SHIPPED)]
     (value, sigma, trend), expected = (
@@ -121,7 +121,7 @@ class Unhashable(list[float]):
 
 
 @pytest.mark.parametrize("law", [None, 3.0, object(), PowerOfAge, [PowerOfAge()], Unhashable()])
-def test_what_is_no_law_is_refused(law):
+def test_object_that_is_not_a_law_is_refused(law):
     with pytest.raises(ValueError, match=r"law = .*expected one of linear, .*GrowthLaw"):
         KnownLaw(law)
 
