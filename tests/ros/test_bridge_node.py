@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bridge between a robot of another make and the monitor."""
+"""The bridge between the robot of another manufacturer and the monitor."""
 
 import array
 import math
@@ -55,7 +55,7 @@ START_NS = 1_700_000_000_000_000_000
 
 @pytest.fixture
 def mapping_file(tmp_path):
-    """Write a mapping with sections changed, or left out where None."""
+    """Return a function that writes a mapping with some sections changed; None omits one."""
 
     def write(**changes):
         content = {k: v for k, v in (JOINT_STATE | changes).items() if v is not None}
@@ -72,7 +72,7 @@ def _soon(monkeypatch):
 
 
 def joint_state(stamp_ns: int, joint: str, position: float, velocity: float, effort: float) -> Any:
-    """Return a state of a joint, in which another one stands as well, as with any robot."""
+    """Return a joint state message with ``joint`` and another joint, as any robot sends it."""
     message = JointState(name=["other", joint])
     message.header.stamp = stamp_to_message(stamp_ns)
     for name, value in {"position": position, "velocity": velocity, "effort": effort}.items():
@@ -82,7 +82,7 @@ def joint_state(stamp_ns: int, joint: str, position: float, velocity: float, eff
 
 @pytest.mark.long
 def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
-    """At 1 kHz, its command on a topic of its own, sent before each state."""
+    """The robot publishes at 1 kHz; its command is on a separate topic, before each state."""
     unit = ActuatorDescription(sample_period=1e-3)
     calibration = calibrate(find_windows(simulate({}, 5, description=unit), unit), unit)
     calibration.save(tmp_path / "calibration.yaml")
@@ -108,7 +108,7 @@ def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
         graph.wait_for(lambda: len(graph.estimates) >= 2, "two estimates")
         for estimate in graph.estimates[:2]:
             assert estimate.valid, estimate.reason
-            # Of the range, as the accuracy of means over 1 or 2 ms is (docs/accuracy.md).
+            # 1 % of the range: the accuracy with means over 1 or 2 ms (docs/accuracy.md).
             assert abs(estimate.faults.friction - FRICTION) < 0.01
         values = graph.status["/ema/bridge: input"].values
         assert "1000 Hz" in graph.log("bridge").read_text()
@@ -119,7 +119,7 @@ def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
 
 
 class Session:
-    """A bridge in this process, and a node beside it that publishes and listens."""
+    """A bridge in this process, and a node that publishes its input and receives its output."""
 
     def __init__(self, graph: Spinning, mapping: Path, bridge: BridgeNode | None = None) -> None:
         self.bridge = bridge or bridge_of(graph, mapping)
@@ -127,7 +127,7 @@ class Session:
         self.descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED)
         self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
         other = graph.node("other")
-        # Best effort, as sensors publish: the bridge asks for no more than is offered.
+        # Best effort, like sensors: the bridge requests no more than a publisher offers.
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.states = other.create_publisher(JointState, STATES, best_effort)
         self.commands: Any = other.create_publisher(Float64, "/command", 10)
@@ -135,7 +135,7 @@ class Session:
         self._time_s, self.step_s = 0.0, 1e-3
 
     def publish_next(self, effort_factor: float = 1.0) -> None:
-        """Publish the next of samples at 1 kHz of a sine that both follow."""
+        """Publish the next sample of a sine, by default at 1 kHz, as position and command."""
         self._time_s += self.step_s
         t = self._time_s
         angle, rate = 0.01 * math.sin(20.0 * t), 0.2 * math.cos(20.0 * t)
@@ -176,7 +176,7 @@ def test_joint_states_become_telemetry_with_its_description(session):
     assert (block.actuator_id, block.sample_period) == ("flap", 1e-3)
     assert list(block.command) == pytest.approx([GAIN * value for value in block.position])
     elapsed = 1e-9 * (stamp_from_message(block.header.stamp) - START_NS)
-    # Speed of the motor: that of the joint over the gear ratio of 1/500.
+    # Speed of the motor: the speed of the joint over the gear ratio of 1/500.
     assert block.speed[0] == pytest.approx(500.0 * 0.2 * math.cos(20.0 * elapsed), rel=1e-9)
     assert session.task("input").level == OK
     assert session.task("input").values["lost"] == 0
@@ -290,7 +290,7 @@ def test_joint_without_a_command_is_published_without_a_command(graph, mapping_f
 
 
 def test_each_joint_of_a_mapping_is_an_actuator(graph: Spinning, mapping_file):
-    """Two robots publish on one topic, the joints of one in a changing order."""
+    """Two robots publish on one topic; the order of one robot's joints changes."""
     joints = {"shoulder": 0.0, "elbow": 1.0, "wrist": 2.0}
     names = [*joints, "gone"]
     bridge = bridge_of(graph, mapping_file(joint=None, joints=names, command=None))
@@ -346,12 +346,12 @@ def test_silent_topics_are_named_and_their_rates_fall(session):
     session.publish_until(lambda: held in session.task("input").message, "the held command")
     session.commands = send
     session.publish_until(lambda: held not in session.task("input").message, "the command")
-    send.publish(Float64())  # no position waits for a command any more
+    send.publish(Float64())  # no position waits for a command after this
     wait_for(lambda: session.task("input").level == STALE, "STALE")
     task = session.task("input")
     assert "nothing received on /joint_states for 1 s: position, speed, current" in task.message
     assert task.values["rate [Hz]"] == 0.0
-    # What waited for the command was published after the last position came.
+    # Samples that waited for the command are published after the last position.
     wait_for(lambda: session.task("input").values["published [Hz]"] == 0.0, "no rate")
     assert session.task("mapping").level == STALE
     # The first positions after the silence wait for a command.
@@ -399,7 +399,7 @@ def test_rate_that_changes_is_a_warning_until_it_is_learned(session):
 
 def test_rate_that_cannot_be_learned_is_an_error_with_reason_and_remedy(session):
     assert session.task("input").level == WARN
-    # Stamps that stand still.
+    # The stamps stop increasing.
     session.step_s = 0.0
     session.publish_until(lambda: session.task("input").level == ERROR, "the error")
     message = session.task("input").message
@@ -436,7 +436,7 @@ def test_type_that_is_not_installed_is_refused_with_the_package(graph: Spinning,
 
 
 class Robots:
-    """Publishes the joint states of robots, each on its topic, 200 times a second of their time."""
+    """Publisher of the joint states of robots, each on its topic, at stamps 5 ms apart."""
 
     def __init__(self, graph: Spinning, namespace: str = "/ema", **parameters: Any) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
@@ -489,7 +489,7 @@ def test_without_a_mapping_all_joints_of_all_robots_are_bridged(graph: Spinning)
     wait_for(lambda: set(described()) == names, "the descriptions")
     assert description_from_message(described()["wrist"]).drive == "unknown"
     assert (robots.joints.level, robots.joints.values["joints"]) == (OK, 3)
-    # A joint that appears later is bridged, too, and the others go on.
+    # A joint that appears later is bridged too, and the other joints continue.
     robots.robots["/left/joint_states"].append("gripper")
     before = len([item for item in robots.blocks if item.actuator_id == "wrist"])
     robots.wait_for_blocks({"left/gripper"})
@@ -512,7 +512,7 @@ def test_joint_states_of_a_node_that_publishes_telemetry_are_not_bridged(graph: 
     robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
     searched = robots.joints.values["joint state topics"]
     assert set(searched.split(", ")) == {"/joint_states", "/left/joint_states"}
-    # Without telemetry, it is a robot.
+    # A node without telemetry counts as a robot.
     node.destroy_publisher(telemetry)
     wait_for(
         lambda: "/simulated/joint_states" in robots.joints.values["joint state topics"],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files against stand-ins for the launch packages, parameter files against the nodes."""
+"""Launch files, tested with fakes of the launch packages, and parameter files with the nodes."""
 
 import atexit
 import re
@@ -35,7 +35,7 @@ class Argument:
 
 
 class Configuration:
-    """The value of a launch argument, once there is a context."""
+    """The value of a launch argument, resolved in a context."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -55,7 +55,7 @@ def resolve(value: Any, context: dict[str, Any]) -> Any:
 
 
 class Context(dict[str, Any]):
-    """Values of the arguments, and the command line that they are from."""
+    """Values of the arguments, and the command line that they come from."""
 
     argv: tuple[str, ...] = ()
 
@@ -95,7 +95,7 @@ def load(name: str) -> list[Any]:
 
 
 def actions_of(name: str, **given: str) -> list[dict[str, Any]]:
-    """Return what a launch file starts with some arguments given."""
+    """Return the actions of a launch file with the given arguments."""
     actions = load(name)
     defaults = {item.name: item.default for item in actions if isinstance(item, Argument)}
     context = Context(defaults | given)
@@ -110,7 +110,7 @@ def actions_of(name: str, **given: str) -> list[dict[str, Any]]:
 
 
 def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
-    """Return the nodes that a launch file starts, the fleet's actuators by their namespaces."""
+    """Return the nodes of a launch file by name, with the namespace if the name is not unique."""
     nodes = [item for item in actions_of(name, **given) if "package" in item]
     names = [item["name"] for item in nodes]
     keys = [
@@ -120,7 +120,7 @@ def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
 
 
 def own_of(node: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters that override those of the file, without what all nodes have."""
+    """Return the parameters of a node that override its parameter file, without ``autostart``."""
     return {name: value for name, value in node["parameters"][-1].items() if name != "autostart"}
 
 
@@ -158,9 +158,9 @@ def test_launch_file_names_nodes_and_files_that_exist(name, given):
 def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, given, monkeypatch):
     arguments = [item for item in load(name) if isinstance(item, Argument)]
     assert [item.name for item in arguments if not item.description] == []
-    # Whatever is listed has a default, except a bag that must be named to be replayed.
+    # All arguments have a default, except the bag to replay.
     assert {item.name for item in arguments if item.default is None} <= {"bag"}
-    # `ros2 launch -s` prints a text as it is, and a substitution as an expression.
+    # `ros2 launch -s` prints a text plainly, but a substitution as an expression.
     assert {type(item.default) for item in arguments} <= {str, type(None)}
     files = [Path(item.default) for item in arguments if item.name.endswith("_params")]
     assert files
@@ -179,7 +179,7 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
     of_monitor = {"history_folder", "calibration_file", "monitor_params"}
     assert names & of_monitor == (set() if name == "robot.launch.py" else of_monitor)
     wrong = {**given, "respwn": "true"}
-    nodes_of(name, **wrong)  # included by another file, it may be for that one
+    nodes_of(name, **wrong)  # if another file includes this one, the argument may be for that file
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
     with pytest.raises(RuntimeError, match=r"has no argument respwn; arguments: .*respawn"):
         nodes_of(name, **wrong)
@@ -192,7 +192,7 @@ def test_rosbag2_receives_the_quality_of_service_of_each_topic_with_a_depth_that
     assert set(reported) == {f"/ema/{name}" for name in offered}
     for name, (_, qos) in offered.items():
         given = reported[f"/ema/{name}"]
-        # As ros2bag reads it: the short keys of the policies.
+        # ros2bag reads the short keys of the policies.
         read = QoSProfile(
             history=HistoryPolicy.get_from_short_key(given["history"]),
             depth=given["depth"],
@@ -225,7 +225,7 @@ FOUR = {"bag": "4711", "rate": "4"}
         ("replay", FOUR | {"end": "false"}, "player", PLAYED | {"stay": True}),
         ("attach", {"accept_after": "5"}, "monitor", {"accept_after": 5}),
         ("attach", {}, "recorder", {"output": "recordings"}),
-        # Without calibrations, the units are those that the shipped one fits.
+        # Without calibrations, the built-in calibration must fit the units.
         ("fleet", {}, "/ema/left/actuator", {"actuator_id": "left", "seed": 0}),
         ("fleet", {}, "/ema/right/actuator", {"actuator_id": "right", "seed": 1}),
         (
@@ -378,7 +378,7 @@ def test_replay_shows_the_diagnosis_and_ends_with_it():
 
 
 def started(node_name: str, *arguments: str) -> Any:
-    """Return a node, not yet configured, and destroy what it takes to have it."""
+    """Return the parameter values of an unconfigured node, and the names of given parameters."""
     with ros_context(arguments=list(arguments)) as context:
         node = node_class(node_name)(context=context)
         values = {name: item.value for name, item in node._parameters.items()}
@@ -405,7 +405,7 @@ def test_demo_makes_the_actuator_wear_out():
     values, given = started("actuator", *ros_arguments("actuator", parameter_files=files))
     assert given - values.keys() == set()
     assert values["growth.friction.law"] == "exponential"
-    # The demo's own seed overrides that of the shipped file.
+    # The seed of the demo overrides the seed of the default file.
     assert (declared("actuator")["seed"], values["seed"]) == (0, 1)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration by action: feedback, cancellation, and goals that are refused."""
+"""Calibration by action: feedback, cancellation and refused goals."""
 
 import threading
 from collections.abc import Iterator
@@ -98,14 +98,14 @@ def test_goal_reserves_its_actuator_when_it_is_accepted(session: MonitorSession,
     baselines = session.node.work.baselines
     monkeypatch.setattr(baselines, "learns", lambda _: not begin.wait(DEADLINE_S))
     first = calibrate(session, actuator_id="")
-    # The first goal has done nothing but to be accepted.
+    # So far the first goal has only been accepted.
     assert not calibrate(session).is_accepted
     assert rejections(session) == "actuator 'flap' is already being calibrated"
     begin.set()
     wait_for(lambda: first.feedback, "the first feedback")
     first.cancel()
     assert first.result()[0] == GoalStatus.STATUS_CANCELED
-    # A goal that fails makes room, too.
+    # A failed goal releases its actuator.
     assert calibrate(session, windows=0).result()[0] == GoalStatus.STATUS_ABORTED
     assert calibrate(session).is_accepted
 

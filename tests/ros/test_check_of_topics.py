@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema check`` of topics of a running robot."""
+"""``ema check`` on the topics of a running robot."""
 
 import json
 import signal
@@ -32,7 +32,7 @@ def context() -> Iterator[Context]:
 
 @pytest.fixture
 def robot(context: Context) -> Iterator[None]:
-    """Publish two joints in changing order, with the stamps of their motion."""
+    """Publish two joints in alternating order, with the stamps of their motion."""
     joints = [moves(60.0, RATE_HZ, travel, 3)[0] for travel in TRAVELS]
     node = Node("robot", context=context)
     publisher = node.create_publisher(JointState, "/joint_states", 10)
@@ -43,7 +43,7 @@ def robot(context: Context) -> Iterator[None]:
         while not ending.wait(1.0 / RATE_HZ):
             order = [0, 1] if row % 2 else [1, 0]
             message = JointState(name=[NAMES[k] for k in order])
-            # The clock of the motion, however late a busy machine publishes it.
+            # Stamps follow the motion, even if a busy machine publishes late.
             stamp_ns = start_ns + round(1e9 * row / RATE_HZ)
             message.header.stamp = stamp_to_message(stamp_ns)
             message.position = [float(joints[k]["position"][row]) for k in order]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A claim ends by a clock that never goes back, in the monitor and where its health is shown."""
+"""A claim expires by a steady clock, in the monitor and in the programs that show its health."""
 
 import pytest
 
@@ -28,7 +28,7 @@ FLAP = ActuatorDescription(actuator_id=UNIT[0], serial_number=UNIT[1])
 
 
 def judged() -> tuple[ActuatorStatus, list[Health]]:
-    """An actuator with a healthy test that has just ended, at second 1000 of the steady clock."""
+    """Return an actuator whose healthy test just ended, at 1000 s of the steady clock."""
     published: list[Health] = []
     actuator = ActuatorStatus(
         "flap", WindowFinder(TriggerSettings()), published.append, 1000 * S, Arrivals()
@@ -42,7 +42,7 @@ def judged() -> tuple[ActuatorStatus, list[Health]]:
 
 
 def never_silent(_place: str, _author: str) -> bool:
-    """Return that the monitor is alive."""
+    """Return False: the monitor is alive."""
     return False
 
 
@@ -53,9 +53,9 @@ def test_level_of_a_monitor_expires_regardless_of_what_its_clock_does(step_s: in
         now = Moment(FIRST_NS + (passed_s + step_s) * S, (1000 + passed_s) * S)
         actuator.expire(30.0, now)
         assert (published[-1].level == STALE) == (passed_s > 30)
-    # It is silent as well.
+    # The actuator also counts as silent.
     assert actuator.is_silent
-    # What ended does not come back, though the clock does.
+    # The claim does not return when the clock goes back.
     assert (
         actuator.health.resume(FLAP, actuator.health.outlook, Moment(FIRST_NS + S, 1040 * S))
         is not None
@@ -99,7 +99,7 @@ def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
 
 @pytest.mark.parametrize("behind_s", [0, 3600])
 def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behind_s: int):
-    """The clock of who shows it goes back after, or before, it is received."""
+    """The receiver's clock goes back after, or before, the health is received."""
     _, [health] = judged()
     healths, claims = LatestHealths(), Claims()
     received_ns = FIRST_NS - behind_s * S

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""At a first start with nothing compiled, no window waits for a compiler."""
+"""After a first start without compiled kernels, all windows are answered."""
 
 import signal
 import time
@@ -22,7 +22,7 @@ def graph(tmp_path: Path) -> Iterator[Graph]:
 
 @pytest.fixture
 def start_cold(graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Start a monitor with an empty cache, and wait until it compiles."""
+    """Return a function that starts a monitor with an empty cache and waits until it compiles."""
 
     def start() -> None:
         with monkeypatch.context() as cold:
@@ -38,7 +38,7 @@ def start_cold(graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.long
 def test_first_windows_with_an_empty_cache_are_all_answered(graph: Graph, start_cold):
-    # Windows come from the beginning, every 2 s: compiling takes ten times as long.
+    # Windows come every 2 s from the start; compilation takes ten times as long.
     graph.start("actuator", pause_s=0.3)
     graph.wait_for(lambda: "/ema/actuator: simulation" in graph.status, "the actuator")
     start_cold()
@@ -58,6 +58,6 @@ def test_monitor_that_compiles_ends_when_it_is_asked_to(graph: Graph, start_cold
     start_cold()
     asked_s = time.monotonic()
     assert graph.stop("monitor", signal.SIGINT) == 0
-    # Compiling takes several times as long.
+    # Compilation takes several times as long.
     assert time.monotonic() - asked_s < 10.0
     assert graph.failures() == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One thread runs what is quick, others what waits, and no callback is handed out twice."""
+"""One thread runs quick callbacks, others run waiting callbacks; none is run twice."""
 
 import threading
 from contextlib import ExitStack
@@ -44,7 +44,7 @@ def test_messages_are_received_in_order_while_a_service_waits(context, make_node
             publisher.publish(Int64(data=number))
         wait_for(lambda: len(received) == 500, "all messages")
         assert [number for number, _ in received] == list(range(500))
-        # One call of the group at a time, in a thread of its own and begun once.
+        # One call of the group runs at a time, in a separate thread, and is begun once.
         assert len(begun) == 1
         assert {name for _, name in received}.isdisjoint(begun)
         assert len({name for _, name in received}) == 1
@@ -55,7 +55,7 @@ def test_messages_are_received_in_order_while_a_service_waits(context, make_node
 
 
 def test_messages_that_have_come_are_received_in_a_row_but_not_without_end(context, make_node):
-    """To wait for each anew takes longer than the message does."""
+    """Waiting again for each message would take longer than receiving it."""
     node, peer = make_node("slow"), make_node("peer")
     received: list[int] = []
     failures: list[str] = []
@@ -77,7 +77,7 @@ def test_messages_that_have_come_are_received_in_a_row_but_not_without_end(conte
     wait_for(lambda: _spin_and_count(executor, received, counts) == 250, "all messages")
     assert received == list(range(250))
     assert failures == ["three"]
-    # What else waits has its turn at least once in a hundred messages.
+    # Other callbacks get their turn at least once in a hundred messages.
     steps = [after - before for before, after in pairwise(counts)]
     assert max(steps) == 100
     assert len([step for step in steps if step]) < 10

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that is killed takes nobody with it, and the others say that it has gone."""
+"""A killed node does not disturb the other nodes, which report that it has gone."""
 
 import signal
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_killed_nodes_are_missed_and_may_come_back_and_signals_end_all(tmp_path:
         for victim in ("recorder", "monitor"):
             graph.kill(victim)
         wait_for_peers("/ema/monitor", "/ema/recorder")
-        # What was recorded until then can be read.
+        # The recording can be read up to the kill.
         killed = Bag(tmp_path / "killed")
         assert killed.damage
         assert len(list(killed.messages())) > 100
@@ -41,7 +41,7 @@ def test_killed_nodes_are_missed_and_may_come_back_and_signals_end_all(tmp_path:
             ("monitor", signal.SIGTERM),
             ("actuator", signal.SIGINT),
         ):
-            # A launcher may send them twice.
+            # A launcher may send a signal twice.
             graph.processes[name].send_signal(number)
             assert graph.stop(name, number) == 0, graph.log(name).read_text()
         assert graph.failures() == []

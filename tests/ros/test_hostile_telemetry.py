@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No telemetry, whatever is in it, makes a traceback: it is refused, and the next is taken."""
+"""Telemetry with arbitrary content causes no traceback and does not affect later windows."""
 
 import itertools
 import math
@@ -22,7 +22,7 @@ VALUES = (0.0, 1e308, -1e308, 5e-324, math.inf, math.nan)
 
 
 def hostile(rng: random.Random) -> TelemetryBlock:
-    """Return a block of fields that are each possible in a message."""
+    """Return a block with random fields, each of which is possible in a message."""
     message = TelemetryBlock(actuator_id=rng.choice([FLAP.actuator_id] * 8 + ["", "a" * 999, "x"]))
     message.header.stamp.sec = rng.choice(STAMPS)
     message.header.stamp.nanosec = rng.choice(NANOSECONDS)
@@ -61,7 +61,7 @@ def test_hostile_telemetry_makes_no_traceback_and_harms_no_later_window(
 def test_bytes_that_are_no_message_are_passed_over(capfd: pytest.CaptureFixture[str]):
     whole = serialize_message(hostile(random.Random(1)))
     torn = [whole[:size] for size in (1, 3, 4, 5, 8, 20, len(whole) - 9)]
-    # Lengths of sequences and texts that are beyond what is there.
+    # Lengths of sequences and texts that exceed the data.
     huge = [b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<I", size) for size in (2**31, 2**32 - 1)]
     source = Source()
     with monitor() as session:

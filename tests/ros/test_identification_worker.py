@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that identifies: every window gets an estimate, and no thread ends unnoticed."""
+"""The identification thread: every window gets an estimate, and its end is reported."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
 
 
 class Published:
-    """What a worker publishes as a node does; windows are refused for lack of a calibration."""
+    """Fake of a node that collects a worker's results. It has no calibration."""
 
     def __init__(self) -> None:
         self.estimates: list[tuple[int, str]] = []
@@ -95,7 +95,7 @@ def published() -> Published:
 
 @pytest.fixture
 def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
-    """Identification lasts until this is set."""
+    """Event that lets identifications continue when it is set."""
     event = threading.Event()
     identify = IdentificationWorker._diagnosed
 
@@ -177,7 +177,7 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
     assert [number for number, _ in published.estimates] == [0, 1, 2]
     assert "stopped during" in published.estimates[0][1]
     assert all("stopped before" in reason for _, reason in published.estimates[1:])
-    # The thread that was in the middle of a search does not disturb the next one.
+    # The thread that is still in a search does not disturb the next thread.
     worker.start()
     may_identify.set()
     worker.add(found(3))
@@ -190,14 +190,14 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
 def test_stop_waits_for_the_estimate_that_is_being_published(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ):
-    """Else the publishers would be destroyed under its hands."""
+    """Otherwise the publishers would be destroyed while it is publishing."""
     monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     begun, stopped = threading.Event(), threading.Event()
     returned: list[bool] = []
 
     def hold() -> None:
         begun.set()
-        # A stop that does not wait returns at once.
+        # A stop that does not wait would return immediately.
         returned.append(stopped.wait(0.2))
 
     published.hold = hold
@@ -228,7 +228,7 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
 
 
 class _Endless(ModelIdentification):
-    """An identification that goes on until it is given up."""
+    """An identification that continues until it is stopped."""
 
     begun = threading.Event()
 
@@ -241,7 +241,7 @@ class _Endless(ModelIdentification):
 def test_stop_ends_the_identification_of_a_stretch_at_once(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ):
-    """What was combined before it is published; the stretch itself is no news."""
+    """The stretches combined before are published, the unfinished stretch is not."""
     monkeypatch.setattr(combination, "ModelIdentification", _Endless)
     monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
     estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), WindowUnusable("combined so far"))

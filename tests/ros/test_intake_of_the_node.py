@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node and a monitor without ROS give a unit the same tests: estimate, count and duty."""
+"""The node and a monitor without ROS store the same tests: estimate, count and duty."""
 
 from dataclasses import asdict, replace
 from typing import Any
@@ -22,7 +22,7 @@ RISE_K = 20.0
 
 
 def plain(entry: Entry) -> dict[str, Any]:
-    """A test without its computing time, in a form that compares every bit."""
+    """Return a test as plain values to compare bit by bit, without its computing time."""
     estimate = replace(entry.estimate, computing_time=0.0)
     values = asdict(replace(entry, estimate=estimate, shift_ns=0))
     values["flown"] = asdict(entry.flown)

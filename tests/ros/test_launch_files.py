@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files by their sources, and by launch's own parser where it is installed."""
+"""Launch files, checked by their source, and by the parser of launch where it is installed."""
 
 import ast
 from collections.abc import Iterator

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each real node: every transition, twice, and an end while it is still imported."""
+"""Each real node makes every transition twice, and ends cleanly during its imports."""
 
 import shutil
 import signal

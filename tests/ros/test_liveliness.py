@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor is silent once its process has ended or stands still, whatever others publish."""
+"""A monitor counts as silent when its process ends or is paused, for any other messages."""
 
 import signal
 import subprocess
@@ -36,7 +36,7 @@ Start = Callable[[str], subprocess.Popen[str]]
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Start a process that publishes health as a monitor of two actuators."""
+    """Return a function that starts a process with the health publishers of two actuators."""
     with ExitStack() as opened:
 
         def start_one(full_name: str) -> subprocess.Popen[str]:
@@ -51,7 +51,7 @@ def start() -> Iterator[Start]:
 
 
 def listening(graph: Spinning) -> MonitorLiveliness:
-    """Return the liveliness of the monitors, as a node in this process knows it."""
+    """Return the liveliness of the monitors, as observed by a node in this process."""
     liveliness, node = MonitorLiveliness("/ema"), graph.node("listener")
     node.create_subscription(
         Health, HEALTH, lambda _: None, ALIVE_BY_MANY, event_callbacks=liveliness.events
@@ -78,7 +78,7 @@ def test_monitor_that_stands_still_or_is_killed_is_silent_though_others_speak_fo
     liveliness = listening(graph)
     process = start(FIRST)
     until_seen(liveliness, FIRST)
-    # Every node may publish a status, on both topics.
+    # Any node may publish a status on both topics.
     forger = graph.node("forger")
     status = forger.create_publisher(NodeStatus, "node_status", STATE)
     diagnostics = forger.create_publisher(DiagnosticArray, "/diagnostics", 10)

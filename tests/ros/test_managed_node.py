@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes bring themselves up, survive what clients ask of them, and end when they are told to."""
+"""Nodes start by themselves, survive the requests of clients, and end on request."""
 
 import contextlib
 import signal
@@ -29,7 +29,7 @@ SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
 class Recorded(ManagedNode):
-    """A node that notes what is asked of it, and refuses what it is told to."""
+    """A node that records its lifecycle steps; ``refuse`` has the exceptions of failing steps."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class Recorded(ManagedNode):
 
 @pytest.fixture
 def make_recorded(make_node: Callable[..., Recorded]) -> Callable[..., Recorded]:
-    """Make a node that notes what is asked of it; of what it refuses, and parameters."""
+    """Return a function that makes a ``Recorded`` node."""
     return partial(make_node, kind=Recorded)
 
 
@@ -80,7 +80,7 @@ def make_recorded(make_node: Callable[..., Recorded]) -> Callable[..., Recorded]
         ("configure", ValueError("no such file"), "unconfigured"),
         ("configure", KeyError("no such file"), "unconfigured"),
         ("activate", OSError("no such file"), "inactive"),
-        # What nobody thought of is an error: the node lets go of all that it has.
+        # An unexpected exception is an error: the node releases everything.
         ("activate", KeyError("no such file"), "unconfigured"),
     ],
 )
@@ -92,7 +92,7 @@ def test_refusal_leaves_the_state_and_is_reported_until_it_works(
     assert node.state == state
 
     def reported_refusal() -> Any:
-        """Return the refusal: the states before it may be shown first."""
+        """Return the status of the refusal; earlier states may be published first."""
         status = reported.get("/ema/recorded: lifecycle")
         words = state, f"cannot {step}", "no such file"
         return status if status and all(part in status.message for part in words) else None
@@ -217,7 +217,7 @@ def test_signal_ends_a_node_in_each_state():
 
 
 def test_shutdown_by_another_node_ends_the_process_in_each_state(graph: Spinning):
-    """As ``ros2 lifecycle set`` asks for it: the answer comes, however long the node cleans up."""
+    """The answer arrives even if the node takes long to clean up, as for ``ros2 lifecycle set``."""
     shutdown = {"unconfigured": 5, "inactive": 6, "active": 7}
     for state, number in shutdown.items():
         command = [sys.executable, "-c", NAMED, state, "1.5"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many actuators: which are followed, by which of several monitors, and what becomes of others."""
+"""Many actuators: the limit, lists, and sharing between several monitors."""
 
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,7 +29,7 @@ def figure(session: MonitorSession, key: str) -> str:
 
 
 def reports(session: MonitorSession) -> list[set[str]]:
-    """What each report that has the status of the actuator tab is about."""
+    """Return the tasks in each report with the telemetry of tab, but without ``lifecycle``."""
     found = [
         {status.name.removeprefix("/ema/monitor: ") for status in array.status}
         for array in session.received("/diagnostics")
@@ -55,11 +55,11 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         assert not session.statuses("tab telemetry")
         assert "'tab' is not monitored" in get_history(session, "tab").message
         assert session.set_parameters(most_actuators=2)[0].successful
-        # Its description is not sent again: a latched topic sends it once.
+        # The latched description is not sent again.
         session.feed(blocks[2:], "tab")
         session.until(lambda: session.estimates("tab"))
         assert set(session.node.actuators) == {"flap", "tab"}
-        # After its estimate its own status is reported, and that of all once a second.
+        # An actuator's status is reported after its estimate, and all statuses once per second.
         [changed, *_] = session.until(lambda: reports(session))
         assert {"tab telemetry", "tab history", "input", "identification"} <= changed
         assert not {"flap telemetry", "lifecycle"} & changed
@@ -84,7 +84,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
     shards = {name: shard_of(name, 2) for name in names}
     assert set(shards.values()) == {0, 1}
     common = {"history_folder": str(tmp_path), "shard.count": 2, "expected_period_s": 1000.0}
-    common["history_max_offset_s"] = 1e10  # the stamps are of another time
+    common["history_max_offset_s"] = 1e10  # the stamps are long ago
     with monitor({**common, "shard.index": 0}) as session, ExitStack() as opened:
         overrides = [Parameter(k, value=v) for k, v in {**common, "shard.index": 1}.items()]
         other = made(
@@ -109,7 +109,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         assert [len(session.estimates(name)) for name in names] == [1] * 4
         followed = [set(node.actuators) for node in (session.node, other)]
         assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
-        # Each status is of one node, and each unit has a file that one of them writes.
+        # Each status comes from one node, and one node writes the file of a unit.
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}
 
         def printed() -> set[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is measured of a load or a temperature reaches the windows that it holds for."""
+"""A measured load or temperature is used for the windows that follow it."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,7 +36,7 @@ WARN = b"\x01"
 def measurement(
     stamp_ns: int, value: float = LOAD, *, actuator_id: str = "flap", **given: Any
 ) -> MeasuredCauses:
-    """A message with a load, or what is given instead."""
+    """Return a message with a measured load; ``given`` replaces fields of the cause."""
     values = {"name": "load_torque", "value": value, "sigma": SIGMA} | given
     message = MeasuredCauses(actuator_id=actuator_id, causes=[HiddenCause(**values)])
     message.header.stamp = stamp_to_message(stamp_ns)
@@ -44,7 +44,7 @@ def measurement(
 
 
 def window_start(cycle: int) -> int:
-    """A time just before the window of a cycle, in which the command has come to rest [ns]."""
+    """Return a time just before the window of a cycle, when the command is at rest [ns]."""
     return START_NS + cycle * CYCLE_NS + CYCLE.start * PERIOD_NS - 10_000_000
 
 
@@ -58,16 +58,16 @@ def cycles() -> list[list[Telemetry]]:
 
 @pytest.fixture(scope="module")
 def messages() -> list[MeasuredCauses]:
-    """Measurements before the windows of cycles 0 and 2 alone; others are not for them."""
+    """Measurements that are valid for the windows of cycles 0 and 2 only."""
     return [
         measurement(window_start(0) - S, 0.1),
         measurement(window_start(0) - S // 2),
-        # The whole of cycle 1 has none: too old, of another actuator, during the window.
+        # Cycle 1 has no valid one: too old, of another actuator, or during the window.
         measurement(window_start(1) - round((MAX_AGE_S + 0.1) * S), 0.1),
         measurement(window_start(1) - S // 2, 0.1, actuator_id="rudder"),
         measurement(window_start(1) + S // 4, 0.1),
         measurement(window_start(2) - S // 2),
-        # Of what is measured at different times, each counts.
+        # Causes measured at different times all count.
         measurement(window_start(2) - S, 0.0, name="winding_temperature", sigma=2.0, unit="K"),
     ]
 
@@ -80,7 +80,7 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
         writer.add_topic(TOPIC, *topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES])
         for block in (block for blocks in cycles for block in blocks):
             recording.write_block(block, 0.0)
-        # Their stamps count, not when they were recorded.
+        # Their stamps count, not their log times.
         for message in (*messages, measurement(START_NS, name="cogging")):
             writer.write(TOPIC, message, START_NS, stamp_from_message(message.header.stamp))
     return path
@@ -88,7 +88,7 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
 
 @pytest.fixture(scope="module")
 def offline(bag: Path) -> list[FaultEstimate]:
-    """What `ema estimate` finds, as messages."""
+    """Estimates of `ema estimate`, as messages."""
     settings = TriggerSettings()
     found = reading.read_windows(
         bag, reading.ReadingOptions(trigger=settings, measured_max_age_s=MAX_AGE_S)
@@ -117,7 +117,7 @@ def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     found = []
     for blocks in cycles:
         session.feed(blocks)
-        # More than two windows do not wait.
+        # At most two windows wait.
         found.append(session.next_estimate())
     return found
 
@@ -136,7 +136,7 @@ def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[Fa
     assert next(iter(live[0].measured)).sigma == SIGMA
     for number in (0, 2):
         assert (live[number].verdict, list(live[number].causes)) == (FaultEstimate.VALID, [])
-    # What was not measured is found.
+    # A load that was not measured is estimated.
     [cause] = list(live[1].causes)
     assert cause.name == "load_torque"
     assert abs(cause.value - LOAD) < 3.0 * cause.sigma
@@ -179,7 +179,7 @@ def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession
     unused = "measured causes of 'rudder', 'tab', which are not monitored"
     session.until_status("input", unused, WARN)
     assert "tab" not in session.node.actuators
-    # They are used as soon as it is.
+    # They are used as soon as the actuator is known.
     session.feed(Source().cycle()[:1], "tab")
     session.until(lambda: unused not in session.statuses("input")[-1].message)
     assert session.node.sources.measurements.at("tab", S)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between numerics and messages lose nothing and refuse what is impossible."""
+"""Conversions between numerics and messages are lossless and refuse impossible values."""
 
 import array
 from dataclasses import fields, replace
@@ -106,7 +106,7 @@ def test_every_parameter_and_every_field_is_mapped():
 
 
 def constants_named(prefix: str) -> list[str]:
-    """Return what the constants of a description with a prefix stand for, by their values."""
+    """Return the names of the constants of a description with a prefix, in order of values."""
     metaclass = type(DescriptionMessage)
     defined = vars(metaclass)["_Metaclass_ActuatorDescription__constants"]
     names = [name for name in defined if name.startswith(prefix)]
@@ -116,7 +116,7 @@ def constants_named(prefix: str) -> list[str]:
 
 def test_description_survives_the_wire():
     parameters = ActuatorParameters()
-    # Every parameter a value of its own, so that no two can be mistaken for each other.
+    # Every parameter has a different value, so that swapped parameters are noticed.
     changed = {
         item.name: getattr(parameters, item.name) * (1.0 + 1e-3 * number)
         for number, item in enumerate(fields(ActuatorParameters))

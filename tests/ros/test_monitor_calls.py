@@ -27,7 +27,7 @@ from .spinning import where_it_spins
 
 NAME = "/ema/monitor/calibrate"
 FORCED: dict[str, Any] = {"force": True, "person": "Ada"}
-# At once: more than the node has threads, and than the usual depth of a service.
+# Simultaneous goals: more than the threads of the node, and than the default depth of a service.
 _GOALS = 50
 
 
@@ -84,11 +84,11 @@ def test_latest_window_is_identified_with_the_algorithm_of_choice(session: Monit
     assert evaluations == sorted(evaluations)
     fitness = [item.best_fitness for item in goal.feedback]
     assert fitness == sorted(fitness, reverse=True)
-    # Thereafter what is not significant is set to healthy, and the rest fitted anew.
+    # After the search, insignificant faults are set to healthy and the rest is fitted again.
     assert goal.feedback[-1].best.friction == pytest.approx(estimate.faults.friction, abs=0.01)
     assert estimate.fitness < 1.1 * fitness[-1]
     assert not estimate.warm_start
-    # It answers who asked, and nobody else.
+    # The estimate is returned to the client and not published.
     assert len(session.estimates()) == before
 
 
@@ -167,7 +167,7 @@ def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: Monitor
     assert session.set_parameters(calibration_timeout_s=1.0)[0].successful
 
 
-# Those that were not begun when the node ended.
+# Warnings of goals that were not begun when the node ended.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:coroutine:RuntimeWarning")
 def test_many_goals_that_wait_do_not_keep_telemetry_out():
@@ -209,7 +209,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         future = session.start(Calibrate, NAME, Calibrate.Request(windows=2))
         until_waited_for(session)
         blocks = source.cycle()
-        # A window that cannot be used is passed over, and its estimate comes meanwhile.
+        # An unusable window is ignored by the calibration, and its estimate is published.
         session.feed(b for i, b in enumerate(blocks) if i != in_window(blocks))
         assert "gap" in session.next_estimate().reason
         session.feed(source.cycle())
@@ -267,7 +267,7 @@ def test_unit_in_warning_gets_no_other_baseline_unless_a_person_forces_it(
 
 
 def test_forced_calibration_of_a_worn_unit_is_no_repair(tmp_path: Path):
-    """A step of friction to 0.2 and a baseline of it: OK, with the change in the history."""
+    """With a baseline of the worn state the level is OK, and the history shows the change."""
     source = Source()
     with monitor({"calibration_folder": str(tmp_path)}) as session:
         session.describe()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor among nodes that it does not know: other publishers, wrong names, changing settings."""
+"""A monitor among unknown nodes: other publishers, wrong names and changing settings."""
 
 import math
 from collections.abc import Iterator
@@ -42,13 +42,13 @@ def test_publishers_of_the_default_quality_are_received_once_and_latched_ones_to
     session.until_status("flap telemetry", "no telemetry so far")
     for hours in (-3.0, -2.0):
         plain.publish(Usage(actuator_id="rudder", flight_hours=hours))
-    # The latched publisher is heard by both subscriptions, and counts once.
+    # Both subscriptions match the latched publisher, but its message counts once.
     session.until_status("input", "ignored: 3 malformed messages")
     latched.publish(Usage(actuator_id="rudder", flight_hours=-4.0))
     session.until_status("input", "ignored: 4 malformed messages")
     sensor = session.probe.create_publisher(Usage, topics.USAGE, qos_profile_sensor_data)
     wait_for(sensor.get_subscription_count, "the monitor")
-    # The subscription may learn of its match after the publisher, and nothing is repeated.
+    # The subscription may be matched after the publisher, and messages are not repeated.
     wait_for(
         lambda: (
             sensor.publish(Usage(actuator_id="rudder", flight_hours=-5.0))
@@ -74,7 +74,7 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
             wait_for(reported, "the clock")
 
         session.describe()
-        # A replay that begins again, an hour before, and a day on, when all is old.
+        # A replay starts, goes back by an hour, and jumps ahead by a day, when all is old.
         for number, jump_s in enumerate((0, -3600, 86_400)):
             start_ns = START_NS + jump_s * 1_000_000_000
             until_it_is(start_ns)
@@ -107,13 +107,13 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(sessio
     session.until_status("input", "no message from an actuator so far")
     tasks = ("telemetry", "health", "history")
     counts = []
-    for _ in range(2):  # a report that was begun before may be published after
+    for _ in range(2):  # a report begun before may be published after
         reports = len(session.statuses("input"))
         session.until(lambda before=reports: len(session.statuses("input")) > before + 1)
         counts.append([len(session.statuses(f"flap {task}")) for task in tasks])
     assert counts[0] == counts[1]
     wait_for(lambda: not session.probe.count_publishers("/ema/health"), "no publisher of health")
-    # Each description came once.
+    # Each description was received once.
     session.feed(Source().cycle())
     assert session.next_estimate().window == 0
     session.describe_from_a_node_of_its_own(replace(FLAP, serial_number="SIM-0002"))
@@ -121,7 +121,7 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(sessio
     assert forget("flap").success
     session.feed(Source().cycle())
     assert session.next_estimate().serial_number == "SIM-0002"
-    # A bridge that begins anew describes once, and counts its samples from 1.
+    # A restarted bridge sends the description once, and counts samples from 1.
     session.describe_from_a_node_of_its_own(FLAP)
     session.until(lambda: session.node.actuators["flap"].description == FLAP)
     session.feed(Source().cycle())
@@ -147,7 +147,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     assert length_s == pytest.approx(0.4, abs=1e-6)
     assert second.algorithm == "pso"
     session.until(lambda: session.healths() and session.received(topics.ADVICE))
-    # Friction of 0.2 is far from the limit that it has by default, and beyond the new one.
+    # Friction of 0.2 is far from the default limit and above the new one.
     assert [health.level for health in session.healths()] == [STALE, ERROR]
     assert session.healths()[-1].health_index == 0.0
     assert session.received(topics.ADVICE)[0].cost_unit == "guineas"
@@ -170,7 +170,7 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
         session.feed(Source().cycle())
         assert session.result(answer).success
         wait_for(lambda: lines("calibration: fitted to 1 window"), "the calibration")
-        # Once the calibration is there: nothing is known, fine, and at the limit as confirmed.
+        # With the calibration the level is unknown, OK, and ERROR as soon as confirmed.
         source = Source(stamp_ns=START_NS + 10_000_000_000)
         session.next_estimate()
         for friction in (0.0, 0.9, 0.9):

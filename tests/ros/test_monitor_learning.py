@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A joint without a baseline is learning, until a person or a setting accepts its records."""
+"""A joint without a baseline learns until a person or a setting accepts its records."""
 
 import os
 import subprocess
@@ -27,7 +27,7 @@ CURVES = ("speed", "healthy_high", "latest")
 
 
 def work(number: int, friction: float = 1.0) -> Telemetry:
-    """Return 20 s of motion of a joint and 7 s of rest, every minute."""
+    """Return the telemetry of minute ``number``: 20 s of motion and 7 s of rest."""
     rng = np.random.default_rng(number)
     period = JOINT.sample_period
     time = np.arange(0.0, 20.0, period)
@@ -44,7 +44,7 @@ def work(number: int, friction: float = 1.0) -> Telemetry:
 
 
 class Learner:
-    """A monitor that learns, and the records that are sent to it."""
+    """A learning monitor, with functions to send records and wait for statuses."""
 
     def __init__(self, session: MonitorSession) -> None:
         self.session = session
@@ -59,7 +59,7 @@ class Learner:
         return estimates[-1]
 
     def status(self, state: int, records: int) -> BaselineStatus:
-        """Wait for a status of this state and number of records."""
+        """Wait for a baseline status with this state and number of records."""
 
         def matching() -> list[BaselineStatus]:
             received = self.session.received(topics.BASELINE)
@@ -80,7 +80,7 @@ class Learner:
 
 
 def test_joint_without_effort_is_not_learning(tmp_path: Path):
-    """It can never be judged, and the reason says so."""
+    """Such a joint can never be judged, which the reason states."""
     with monitor({"baseline_folder": str(tmp_path / "baselines")}) as session:
         session.mount(replace(JOINT, acquisition=Acquisition("none")))
 
@@ -139,7 +139,7 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
         assert np.count_nonzero(forward) > 5
         assert np.all(latest[forward] > high[forward])
         session.until(lambda: [item for item in session.healths() if item.level == Health.WARN])
-        # An accepted baseline keeps what did not depart, and adds it on a person's request only.
+        # The monitor keeps records that do not depart, and adds them on a person's request only.
         refused = joint.change(ChangeBaseline.Request.EXTEND)
         assert not refused.success
         assert "not healthy" in refused.message
@@ -163,7 +163,7 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
 
 @pytest.mark.slow
 def test_setting_accepts_the_records_and_a_restart_continues_with_them(tmp_path: Path):
-    # Provisional fits have 6 and 8 records.
+    # Provisional fits are made with 6 and 8 records.
     given = {"baseline_folder": str(tmp_path), "accept_after": 7}
     with monitor(given) as session:
         Learner(session).feed(range(3))

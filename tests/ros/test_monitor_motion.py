@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ordinary motion as other nodes see it: few estimates of many stretches, the same as offline."""
+"""Estimates from ordinary motion in a live monitor equal the offline estimates."""
 
 from dataclasses import replace
 
@@ -48,13 +48,13 @@ def moves() -> list[Telemetry]:
 
 @pytest.mark.slow
 def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]):
-    """Live, stretches are the same to the last bit, and so are the estimates."""
+    """Stretches and estimates are equal to the last bit."""
     expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.05, pause_s=0.0))
     assert [one.stretches for one in expected[:-1]] == [2, 1, 1]
     with monitor({**MOTION, "waiting_windows": 1000}) as session:
         session.describe()
         session.feed(moves)
-        # The last one ends with the motion, when the monitor is deactivated.
+        # The last estimate comes at the end of the motion, when the monitor is deactivated.
         for one in expected[:-1]:
             live = session.next_estimate()
             faults = [getattr(live.faults, name) for name in FAULT_NAMES]
@@ -78,7 +78,7 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
 
 
 def test_an_estimate_of_later_motion_ends_a_defect():
-    """Stretches are counted apart from the estimates that are made of them."""
+    """Stretches and the estimates made from them are counted separately."""
     finder = WindowFinder(TriggerSettings(windows="any_motion"))
     unit = ActuatorStatus(FLAP.actuator_id, finder, lambda _: None, 0, Arrivals())
     unit.finder.describe(FLAP)

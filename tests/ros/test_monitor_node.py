@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor as other nodes see it: estimates, health, settings and lifecycle."""
+"""Interface of the monitor to other nodes: estimates, health, settings and lifecycle."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -121,7 +121,7 @@ def test_health_is_stale_while_the_monitor_is_not_active_and_after_three_expecte
         assert session.healths()[-1].reason.startswith("the monitor is not active")
         for task in ("flap health", "flap telemetry", "flap friction"):
             session.until_status(task, "the monitor is not active", b"\x03", since=printed)
-        # After the next test it knows again.
+        # After the next test the level is known again.
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
         session.until_subscribed()
         session.feed(Source().cycle())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process of a monitor ends clean."""
+"""The process of a monitor ends cleanly."""
 
 import signal
 from functools import partial
@@ -26,7 +26,7 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(tmp_path:
             for name, (message_class, qos) in ACTUATOR_TOPICS.items()
         }
         publishers[DESCRIPTION].publish(description_to_message(FLAP))
-        # At ten million evaluations it would take minutes.
+        # A search with ten million evaluations takes minutes.
         graph.start("monitor", algorithm="pso", budget=10_000_000)
         calibrate = node.create_client(Calibrate, "/ema/monitor/calibrate")
         graph.wait_for(calibrate.service_is_ready, "the monitor")

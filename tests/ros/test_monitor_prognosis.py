@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What follows an estimate, as other nodes see it: health, life, forecast, advice, fit, history."""
+"""Messages that follow an estimate: health, life, forecast, advice, fit and history."""
 
 import math
 import threading
@@ -50,7 +50,7 @@ def session(cycles: list[Telemetry], folder: Path) -> Iterator[MonitorSession]:
         for number, cycle in enumerate(cycles[:TESTS], 1):
             live(running, [cycle])
             for topic in (topics.HEALTH_FORECAST, topics.ADVICE, topics.WINDOW_FIT):
-                # Latched topics keep the latest message alone.
+                # Latched topics keep the latest message only.
                 running.until(lambda key=topic, n=number: len(running.received(key)) >= n)
         yield running
 
@@ -110,13 +110,13 @@ def test_fit_has_the_measured_signals_and_those_of_the_model(session: MonitorSes
     assert len(last.current) <= MOST_VALUES
     measured, expected = np.array(last.current), np.array(last.estimated_current)
     assert len(expected) == len(measured) == len(last.command)
-    # The estimate is valid: its model is much nearer to the measured current than nothing is.
+    # The estimate is valid: its model explains most of the measured current.
     assert np.std(measured - expected) < 0.3 * np.std(measured)
 
 
 def test_advice_follows_the_costs(session: MonitorSession):
     (first, *_, last), health = session.received(topics.ADVICE), session.healths()[-1]
-    # After one test nothing is known to grow; after the last one, life is, and its end is far away.
+    # After one test no growth is known. After the last test the life is known and long.
     assert first.action == Advice.CONTINUE
     assert "the remaining life is unknown" in first.reason
     assert math.isnan(first.flight_hours)
@@ -178,7 +178,7 @@ def test_the_oldest_are_dropped_and_counted():
         follow_ups._add(partial(done.append, number))
     assert (follow_ups.waiting, follow_ups.dropped) == (MOST_WAITING, 9)
     may_go_on.set()
-    follow_ups.stop()  # what waits comes first
+    follow_ups.stop()  # waiting follow-ups are processed first
     assert done == [*range(9, MOST_WAITING + 9)]
 
 
@@ -207,7 +207,7 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
         finally:
             go_on.set()
         session.until(session.healths)
-    # What the end cuts off is refused by who ends it.
+    # A window cut off at the end is refused by the thread that stops the monitor.
     assert threads[0] == "identification"
 
 

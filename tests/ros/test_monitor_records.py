@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor of an unknown drive ends a record when the telemetry or the monitor itself ends."""
+"""A monitor of an unknown drive ends a record when the telemetry or the monitor ends."""
 
 import numpy as np
 from lifecycle_msgs.msg import Transition
@@ -19,7 +19,7 @@ S = 1_000_000_000
 
 
 def feed_motion(session: MonitorSession, seconds: int) -> None:
-    """Publish motion in blocks of 1 s from ``START_NS`` on, and wait until it is received."""
+    """Publish motion in blocks of 1 s from ``START_NS`` on, and wait until all are received."""
     second = 0.3 * np.sin(2.0 * np.pi * H * np.arange(1.0, 101.0))
     session.feed(
         Telemetry(START_NS + number * S, H, 1 + 100 * number, second, second, second, second)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests and service life reach the unit that they are of, and are known again after a restart."""
+"""Tests and service life are assigned to the right unit, and restored after a restart."""
 
 import math
 import sqlite3
@@ -33,7 +33,7 @@ def cycles() -> list[Telemetry]:
 
 
 def now(blocks: list[Telemetry], *, later_ns: int = 0) -> list[Telemetry]:
-    """The blocks as if they ended just now, or some time later."""
+    """Return blocks with stamps shifted so that they end now, or ``later_ns`` later."""
     shift_ns = time.time_ns() - int(blocks[-1].stamps_ns[-1]) + later_ns
     return [replace(block, stamp_ns=block.stamp_ns + shift_ns) for block in blocks]
 
@@ -46,7 +46,7 @@ def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
         assert math.isnan(first.flight_hours)
         assert "usage" in first.reason
         assert "hours_per_cycle" in first.rul.reason
-        # One that is read only later does not count for this test; nor what is impossible.
+        # A count with a later stamp, or an impossible one, does not count for this test.
         for hours, stamp_ns in ((123.0, ends[0]), (-5.0, ends[0] + 1), (999.0, ends[1])):
             use(session, hours, stamp_ns, cycles=40)
         session.until_status("flap telemetry", "flight_hours = -5 h")
@@ -63,13 +63,13 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
         live(session, cycles[:2])
         session.mount(OTHER)
         session.feed(cycles[2:3])
-        # The shipped calibration belongs to the first one.
+        # The built-in calibration belongs to the first unit.
         session.until_status("flap telemetry", "SIM-0002")
         answer = predict(session, 1.0)
         assert "no history yet" in answer.message
         before = len(session.healths())
         session.describe()
-        # The history of the first one goes on.
+        # The history of the first unit continues.
         session.until(lambda: len(session.healths()) > before)
         [back] = live(session, cycles[3:4])
         assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
@@ -128,7 +128,7 @@ def test_telemetry_is_received_while_a_history_is_read(
             session.feed([cycles[1].part(0, 5000)])
             for hours in (500.0, -1.0):
                 use(session, hours, 1)
-            # Once an impossible count is reported, all before it have been received.
+            # When the impossible count is reported, all messages before it have been received.
             session.until_status("flap telemetry", "flight_hours = -1 h")
             wait_for(lambda: session.node.actuators["flap"].finder.blocks == 1, "the block")
             assert not session.healths()
@@ -141,7 +141,7 @@ def test_telemetry_is_received_while_a_history_is_read(
 def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_it_would_have(
     cycles: list[Telemetry], tmp_path: Path
 ):
-    recent = now(cycles[:3])  # as the stamps of a real actuator
+    recent = now(cycles[:3])  # with the stamps of a real actuator
     given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path / "one")}
     with monitor(given) as session:
         session.mount()
@@ -170,7 +170,7 @@ def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_
     assert plain(health) == plain(expected)
     with monitor({**given, "expected_period_s": 0.1}) as session:
         session.mount()
-        # What is old is published as old, before any new test.
+        # An old health is published as stale before any new test.
         old = session.until(session.healths)[0]
         assert (old.level, old.last_level, old.confidence) == (STALE, health.level, 0.0)
         assert old.reason.startswith("no valid estimate for more than 0.3 s")
@@ -178,7 +178,7 @@ def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_
 
 
 def kept(folder: Path) -> int:
-    """The number of tests in the file of the history."""
+    """Return the number of tests in the history file."""
     [file] = folder.glob("flap*.sqlite")
     with closing(sqlite3.connect(file)) as db:
         return db.execute("SELECT count(*) FROM test").fetchone()[0]
@@ -187,7 +187,7 @@ def kept(folder: Path) -> int:
 def test_test_of_another_time_is_identified_but_not_recorded(
     cycles: list[Telemetry], tmp_path: Path
 ):
-    """A replayed bag, and a clock that is ten years ahead."""
+    """The test is from a replayed bag, or a clock that is ten years ahead."""
     given = {"history_folder": str(tmp_path), "history_max_offset_s": OFFSET_S}
     with monitor({"hours_per_cycle": HOURS, "expected_period_s": 1e6, **given}) as session:
         session.mount()
@@ -199,7 +199,7 @@ def test_test_of_another_time_is_identified_but_not_recorded(
         status = session.until_status("flap history", "3650.0 days after the clock", bytes([WARN]))
         for expected in ("not recorded", "use_sim_time", "history_max_offset_s"):
             assert expected in status.message
-        # Which of them came first is not known, and no level is.
+        # The order of the tests is unknown, so the level is unknown too.
         [unknown] = session.until(lambda: session.healths()[1:])
         assert (unknown.level, unknown.last_level, unknown.cycles) == (STALE, first.level, 1)
         assert "not recorded" in unknown.reason
@@ -228,7 +228,7 @@ def test_clock_can_be_changed_while_nothing_of_it_is_there():
 def test_unit_that_was_mounted_again_is_one_after_three_tests_of_any_time(
     cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """With a history in memory, of which nothing is kept."""
+    """The history is in memory and leaves no file."""
     monkeypatch.chdir(tmp_path)
     with monitor({"hours_per_cycle": HOURS, "history_max_offset_s": OFFSET_S}) as session:
         for description in (FLAP, OTHER, FLAP):

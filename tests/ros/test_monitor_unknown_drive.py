@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive whose controller is unknown, as other nodes see it: records, quantities and health."""
+"""Messages about a drive with an unknown controller: records, quantities and health."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ RECORDS = 6
 
 
 def motion(number: int = 0, noise_a: float = 0.05, **faults: float) -> Telemetry:
-    """10 s of motion between rests; the rest after it is long enough to end a record."""
+    """Return 10 s of motion between rests; the rest after it is long enough to end a record."""
     actuator = SimulatedActuator(sample_period=1e-3, stamp_ns=START_NS + number * 20 * 10**9)
     actuator.faults = fault_vector(faults)
     time = np.arange(0.0, 10.0, 1e-3)
@@ -107,7 +107,7 @@ def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp
     with monitor(given) as session:
         session.mount(UNKNOWN)
         health = session.until(session.healths)[-1]
-        # Its stamp is of another year.
+        # The stamp is years ago.
         assert (health.level, health.last_level) == (Health.STALE, Health.OK)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows that wait for their identification: none vanishes, whatever becomes of it."""
+"""Windows that wait for their identification: each is answered."""
 
 import threading
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from .monitor_session import MonitorSession, Source, in_window, monitor
 
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
-    """A window is identified when this is set, and nothing is wrong with it."""
+    """Event that lets windows be identified, as healthy, when it is set."""
     may, identified = threading.Event(), diagnosis._identified
 
     def held(window: Window | Refusal, *others: Any) -> Any:
@@ -52,7 +52,7 @@ def count(session: MonitorSession, task: str, key: str) -> int:
 
 
 def none_waits_of(session: MonitorSession, windows: int) -> bool:
-    """Whether so many windows have come, and the last one is being identified."""
+    """Return whether a number of windows has arrived and the last one is being identified."""
     counts = [count(session, "flap telemetry", key) for key in ("windows", "windows waiting")]
     return counts == [windows, 0]
 
@@ -68,7 +68,7 @@ def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_co
     with monitor({"waiting_windows": 1}) as session:
         session.describe()
         session.feed(source.cycle())
-        # The first one waits as long as kernels are compiled.
+        # The first window waits while kernels are compiled.
         session.until(lambda: none_waits_of(session, 1))
         for _ in range(2):
             session.feed(source.cycle())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with the telemetry is named, costs the window that it falls in, and no more."""
+"""Defects of the telemetry are named, and invalidate only the window that contains them."""
 
 import array
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ def session() -> Iterator[MonitorSession]:
 
 @pytest.fixture(scope="module")
 def source() -> Source:
-    """One actuator for all tests, whose telemetry goes on from one to the next."""
+    """Source of one actuator for all tests, whose telemetry continues from test to test."""
     return Source(friction=0.3)
 
 
@@ -55,7 +55,7 @@ WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
     ),
     "short column": (lambda b: with_column(b, "current", 499), ["current 499", "command 500"]),
 }
-"""What is wrong with a block, and with a message; other kinds are the window finder's."""
+"""Defects of a block and of a message by name: function that makes them, and reported texts."""
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -111,7 +111,7 @@ def test_defect_is_reported_although_an_older_window_is_being_identified():
         blocks[-1] = corrupted(blocks[-1], "speed", 0, np.nan)
         session.feed(blocks)
         assert session.next_estimate().valid
-        # The window is sound, but what came after it is not: that must not be forgotten.
+        # The window is valid, but the defect after it must still be reported.
         reports = len(session.statuses("flap telemetry"))
         session.until(lambda: len(session.statuses("flap telemetry")) > reports)
         status = session.statuses("flap telemetry")[-1]
@@ -123,7 +123,7 @@ def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: 
     with monitor() as session:
         session.describe()
         blocks = Source(stamp_ns=beyond_ns - 10**9).cycle(size=7000)
-        # The window begins 0.2 s before and ends 0.3 s behind.
+        # The window begins 0.2 s before and ends 0.3 s after the largest stamp.
         session.feed(b for b in blocks if b.stamp_ns < beyond_ns)
         session.feed(source.cycle())
         session.until(lambda: [e for e in session.estimates() if e.valid])
@@ -163,7 +163,7 @@ def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_
         expected = "several publishers send actuator_id flap (/ema/probe): stop all but one"
         status = session.until_status("flap telemetry", expected, WARN)
         assert (status.message, value(status, "samples lost")) == (expected, "0")
-        # One goes on alone, and its next window is used.
+        # One publisher continues alone, and its next window is used.
         since = len(session.statuses("flap telemetry"))
         wait_for(lambda: not session.node.actuators["flap"].runs.are_several, "the end of it")
         session.feed(source.cycle())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deactivation while a history is being opened blocks no thread for good."""
+"""Deactivation while a history is being opened causes no deadlock."""
 
 import threading
 from pathlib import Path
@@ -22,7 +22,7 @@ from .monitor_session import FLAP, Source, monitor
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The histories of a unit with a test, whose health is published once they are opened."""
+    """Folder with the history of a unit with one test; opening it publishes its health."""
     unit = Unit(History(*FLAP.unit_key, history_path(tmp_path, *FLAP.unit_key)))
     assert unit.update(made_test(0), None, PrognosisSettings())
     unit.history.close()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter is declared with what one has to know, and the page has them all."""
+"""Every parameter is declared with description, unit and range, and listed in the document."""
 
 import re
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from .spinning import ros_context
 
 @pytest.fixture(scope="module")
 def nodes() -> Iterator[dict[str, Any]]:
-    """All nodes, as they are by default."""
+    """All nodes with default parameters, by name."""
     with ros_context() as context, ExitStack() as opened:
         found = {name: node_class(name)(context=context) for name in NODES}
         for node in found.values():
@@ -31,7 +31,7 @@ def nodes() -> Iterator[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def parameters(nodes: dict[str, Any]) -> list[tuple[str, str, Any, Any]]:
-    """Node, name, value and descriptor of each parameter."""
+    """List of node, name, value and descriptor of each parameter."""
     return [
         (name, item, node.get_parameter(item).value, node.describe_parameter(item))
         for name, node in nodes.items()
@@ -74,7 +74,7 @@ def test_names_are_words_in_lower_case(parameters):
 
 def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):
     for *key, value, _ in parameters:
-        # YAML 1.1, as of `ros2 param load`, reads a number with an exponent and no point as a text.
+        # YAML 1.1 (`ros2 param load`) reads a number with an exponent but no point as a text.
         if isinstance(value, float):
             assert yaml.safe_load(repr(value)) == value, key
 
@@ -93,7 +93,7 @@ def test_what_is_live_states_why_a_value_is_refused(nodes, parameters):
 
 @pytest.mark.parametrize("name", NODES)
 def test_what_is_dumped_of_a_node_starts_one_of_the_same_parameters(name: str, tmp_path: Path):
-    """As `ros2 param dump` writes it: dots in names are levels, PyYAML's defaults."""
+    """The file is written like `ros2 param dump`: dots in names become levels of the YAML."""
 
     def values_of(*arguments: str) -> dict[str, Any]:
         with ros_context(arguments=["--ros-args", "-r", "__ns:=/ema", *arguments]) as context:
@@ -104,7 +104,7 @@ def test_what_is_dumped_of_a_node_starts_one_of_the_same_parameters(name: str, t
             finally:
                 node.destroy_node()
 
-    # Small and large numbers, which YAML 1.1 reads as texts where they have no point.
+    # Small and large numbers: YAML 1.1 reads them as texts if they have no point.
     changed = {
         "monitor": {"threshold_urad": 1e-06, "longest_s": 1e5, "limits.gain": 0.31},
         "actuator": {"block_s": 0.001, "growth.friction.rate": 1e-05, "hours_per_cycle": 100.0},

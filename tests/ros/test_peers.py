@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who has gone from the graph is missed, and only those with whom a node has to do."""
+"""A node reports peers that have disappeared; peers are nodes that share a topic with it."""
 
 import contextlib
 from collections import Counter
@@ -45,7 +45,7 @@ def test_node_that_returns_is_not_missed_and_is_reported_when_it_disappears_agai
     assert peers.update({"/ema/a"}, Counter({"/ema/a"}), 2.0) == []
     assert peers.task("unit", 2.0).message == "lost contact with /ema/b"
     assert peers.update(set(), Counter(), 50.0) == ["/ema/a"]
-    # The other has been gone for longer than a minute then, this one has not.
+    # By then /ema/b has been gone for more than a minute, /ema/a has not.
     assert peers.task("unit", 61.5).message == "lost contact with /ema/a"
 
 
@@ -91,7 +91,7 @@ def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     own.create_subscription(String, "strict", lambda _: None, 1)
-    # Two of different demands: what one of them receives is received.
+    # Two subscriptions with different demands: it suffices that one of them receives.
     own.create_subscription(String, "either", lambda _: None, latched)
     own.create_subscription(String, "either", lambda _: None, best_effort)
     publishers = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The player gives a bag back as it was recorded, whole, in parts, in a loop and step by step."""
+"""The player publishes a bag as recorded: whole, in parts, in a loop and step by step."""
 
 import subprocess
 import sys
@@ -51,7 +51,7 @@ def player_of(graph: Spinning, bag: Path, **parameters: Any) -> PlayerNode:
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """One second of numbered texts on two topics in turn, a latched one before them, a clock."""
+    """Bag with a latched text, a clock, and one second of numbered texts on two topics in turn."""
     path = tmp_path / "flight.mcap"
     with BagWriter(path, chunk_bytes=2000) as writer:
         writer.add_topic("/ema/latched", String, LATCHED)
@@ -88,7 +88,7 @@ def test_bag_is_played_in_order_with_its_clock(graph: Spinning, bag: Path):
     wait_for(lambda: clock[-1].clock == end, "the clock at the end")
     stamps_ns = [Time.from_msg(message.clock).nanoseconds for message in clock]
     assert stamps_ns == sorted(stamps_ns)
-    assert stamps_ns[0] >= START_NS  # the recorded clock says 0
+    assert stamps_ns[0] >= START_NS  # the recorded clock has 0
     assert len(clock) > 2  # best effort: some may be lost
     assert task(player).message == f"played 102 messages from {bag}"
     assert task(player).level == OK
@@ -171,7 +171,7 @@ def test_a_part_of_a_bag_is_played(graph: Spinning, bag: Path, part: dict, expec
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: len(received[0]) + len(received[1]) == len(expected), "all messages")
     assert numbers(received) == list(expected)
-    # What holds at the beginning is published before it.
+    # The message that is latched at the beginning is published before the part.
     wait_for(lambda: latched, "the latched message")
     assert [message.data for message in latched] == ["latched"]
 
@@ -299,7 +299,7 @@ def test_player_and_dashboard_have_the_types_of_rosbag2_where_they_are_installed
 def test_refusal_without_a_field_for_it_is_answered_and_logged(
     graph: Spinning, bag: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """``Pause`` of rosbag2 has no fields."""
+    """The service type ``Pause`` of rosbag2 has no fields."""
     monkeypatch.setitem(player_node.PLAYBACK_SERVICES, "pause", Empty)
     player = player_of(graph, bag)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
@@ -334,7 +334,7 @@ def test_what_cannot_be_played_is_left_out_and_named(graph: Spinning, tmp_path: 
             for name in ("/ema/t0", "/ema/a b", "/rosout"):
                 time_ns = START_NS + number * STEP_NS
                 writer.write(name, String(data=str(number)), time_ns, time_ns)
-        # Cut off within its text.
+        # A message that is cut off within its text.
         writer.write_serialized("/ema/t0", b"\0\1\0\0\x09\0\0\0ab", time_ns + STEP_NS)
     received = graph.listen(String, "t0", STREAM)
     player = player_of(graph, path, rate=10.0, stay=True)

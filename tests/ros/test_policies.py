@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The policies of SROS2: what a node has in the graph is permitted, and no more."""
+"""The policies of SROS2 permit exactly the topics, services and actions of each node."""
 
 import os
 import shutil
@@ -36,7 +36,7 @@ MAPPING = {
     "temperature": {"topic": "temperature", "source": "temperature"},
 }
 NOT_ALWAYS = {"/clock", "/ema/baseline", "/ema/friction_curve"}
-"""Publishers at a rate other than 1, where a package is installed, and for an unknown drive."""
+"""Topics published only at a rate other than 1, or for an unknown drive."""
 
 
 def names(pairs: list[tuple[str, list[str]]]) -> set[str]:
@@ -44,7 +44,7 @@ def names(pairs: list[tuple[str, list[str]]]) -> set[str]:
 
 
 class Seen:
-    """What a node has in the graph, by the rules of a policy."""
+    """Topics, services and actions that a node has in the graph, by rule of a policy."""
 
     def __init__(self, observer: Node, access: GraphNames) -> None:
         found = (
@@ -57,7 +57,7 @@ class Seen:
         with suppress(NodeNameNonExistentError):  # it has not come yet
             sets = [names(one(access.name, access.namespace)) for one in found]
         self.publishes, self.subscribes, self.replies, self.requests = sets
-        # An action is three services and two topics; a policy names it as a whole.
+        # An action consists of three services and two topics; a policy names only the action.
         ends = [
             {name for name in group if "/_action/" in name}
             for group in (self.publishes, self.replies)
@@ -68,7 +68,7 @@ class Seen:
 
 
 def check(observer: Node, access: GraphNames) -> None:
-    """Fail where a node has what it is not permitted, or where it has too little to tell."""
+    """Fail if a node has something that is not permitted, or lacks something that is."""
     seen = Seen(observer, access)
     for rule in ("publishes", "subscribes", "replies", "requests", "executes"):
         permitted = getattr(access, rule)
@@ -99,7 +99,7 @@ def test_what_nodes_around_an_actuator_have_is_permitted(graph: Spinning, tmp_pa
     access, observer = node_access(), graph.node("observer", "/test")
     recorder, monitor = {"output": str(tmp_path / "bag")}, {"history_folder": "memory"}
     up(graph, dashboard={"port": 0}, recorder=recorder, monitor=monitor, actuator={})
-    # The publishers of an actuator come with its first estimate, those of what follows last.
+    # Publishers of an actuator's estimates come first, publishers of the follow-ups last.
     for name, topic in (("recorder", "window_fit"), ("dashboard", "advice")):
         wait_for(
             lambda name=name, topic=topic: has_subscription(
@@ -176,7 +176,7 @@ def test_bridge_is_permitted_what_its_mapping_names(tmp_path):
 
 
 def obstacles() -> Iterator[str]:
-    """Yield why SROS2 cannot be tried here."""
+    """Yield the reason why SROS2 cannot be tested here, if any."""
     if shutil.which("ros2") is None:
         yield "no command ros2"
         return
@@ -190,7 +190,7 @@ def obstacles() -> Iterator[str]:
 @pytest.mark.slow
 @pytest.mark.skipif(bool(list(obstacles())), reason=", ".join(obstacles()))
 def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch):
-    """On a native ROS 2: with the policies the graph works, and others cannot publish."""
+    """With the policies the graph works, and other nodes cannot publish (native ROS 2 only)."""
     keys = tmp_path / "keys"
 
     def security(*arguments: object) -> None:
@@ -199,7 +199,7 @@ def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch)
         assert done.returncode == 0, done.stdout + done.stderr
 
     with Graph(tmp_path) as graph:
-        # Permissions hold for the domain in which they are made.
+        # Permissions are valid for the domain in which they are created.
         monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
         security("create_keystore", keys)
         for name in ("actuator", "monitor", "recorder", "watch"):
@@ -213,7 +213,7 @@ def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch)
         graph.start_other("up", up)
         graph.start_other("watch", ["ema", "watch"])
         graph.wait_for(lambda: "flap" in graph.log("watch").read_text(), "a health that is heard")
-        # The observer of this graph has no key: it hears and sees nothing of it.
+        # The observer of this graph has no key, so it receives nothing.
         assert not graph.healths
         stranger = subprocess.run(
             ["ros2", "topic", "pub", "--once", "/ema/usage", "ema_interfaces/msg/Usage", "{}"],

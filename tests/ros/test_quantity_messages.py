@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The comparison of a record goes over the wire, and is read again, without a loss."""
+"""The comparison of a record survives serialisation without loss."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_quantities_survive_the_wire(name: str):
     log = DiagnosisLog()
     log.add(ESTIMATE_TYPE, received(name), END_NS)
     [one] = log.diagnoses()
-    # NaN differs from NaN, its text does not.
+    # NaN differs from NaN, but their texts are equal.
     assert repr(one.quantities) == repr(CASES[name].quantities)
 
 

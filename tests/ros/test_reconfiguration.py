@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files and actuators of a monitor are changed by a clean-up and a new configuration."""
+"""Changed files and actuators of a monitor take effect by cleanup and configuration."""
 
 from pathlib import Path
 
@@ -42,5 +42,5 @@ def test_new_files_and_actuators_take_effect_at_the_next_configure(tmp_path: Pat
         estimate = session.next_estimate()
         assert not estimate.valid
         assert f"{tmp_path}/flap.yaml" in estimate.reason
-        # A unit is in the history from its first test on, valid or not.
+        # A unit has a history from its first test on, valid or not.
         session.until(lambda: list(history.glob("flap+*.sqlite")))

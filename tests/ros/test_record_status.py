@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor says of an unknown drive, whose tests are records of up to two minutes."""
+"""Status of an unknown drive, whose tests are records of up to two minutes."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def test_status_states_what_a_record_needs_after_three_short_motions():
 def test_status_lists_the_faults_that_the_drive_can_show(
     description: ActuatorDescription, faults: list[str]
 ):
-    """A joint has no short circuits, eccentricity or gain that a record could show."""
+    """A record cannot show short circuits, eccentricity or gain of a joint."""
     unit = actuator(description)
     estimate = compared(CASES["friction"])
     outlook = outlook_of_one(estimate, HealthLimits(), "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder writes down what is published, says what it cannot, and survives its own end."""
+"""The recorder writes all messages, reports what it cannot record, and leaves readable bags."""
 
 import errno
 import re
@@ -97,7 +97,7 @@ def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Pa
         assert begin_ns <= item.publish_time_ns <= item.log_time_ns <= end_ns
     for topic, qos in (("/ema/telemetry", STREAM), ("/ema/latched", ALIVE)):
         (offered,) = recorded_qos(bag.topics[topic].qos)
-        reported = {"history": "unknown", "depth": 0}  # what discovery does not tell
+        reported = {"history": "unknown", "depth": 0}  # not part of the discovery data
         assert offered_qos(offered) == offered_qos(qos) | reported
 
 
@@ -243,7 +243,7 @@ def test_gone_publisher_is_reported(graph: Spinning, tmp_path: Path):
     assert recorder.bring_up()
     wait_for_match(recorder, publisher, private)
     assert "/ema/never: no publisher yet" in task(recorder).message
-    # A lifecycle node that ends is no loss.
+    # The end of a lifecycle node is not a loss.
     source.destroy_publisher(private)
     transitions = recorder._topics["/ema/source/transition_event"]
     wait_for(lambda: not transitions.has_publisher, "the end of the transitions")
@@ -255,7 +255,7 @@ def test_gone_publisher_is_reported(graph: Spinning, tmp_path: Path):
 
 @pytest.fixture
 def other_graph() -> Iterator[Spinning]:
-    """One of another participant."""
+    """A graph with another DDS participant."""
     with ros_context() as context:
         graph = Spinning(context)
         yield graph
@@ -295,7 +295,7 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
 def test_messages_that_the_middleware_drops_are_counted(
     graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
-    """By their numbers where one node publishes, telemetry of several by that of its samples."""
+    """Losses of one publisher show by message numbers, losses of telemetry by sample numbers."""
     monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
     shallow = QoSProfile(depth=5)
     text = graph.node().create_publisher(String, "text", shallow)
@@ -320,7 +320,7 @@ def test_messages_that_the_middleware_drops_are_counted(
         for number in range(1, 50):
             publish(number)
     wait_for(lambda: task(recorder).values["lost messages"], "the loss")
-    # What is missing of telemetry shows by the block after it.
+    # Missing telemetry shows by the next block.
     publish(50)
 
     def are_counted() -> bool:
@@ -369,7 +369,7 @@ def test_recorder_that_stood_still_states_so_in_status_and_bag(
     recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for_match(recorder, publisher)
-    # A busy machine may have starved it before, and may again.
+    # A busy machine may have suspended the recorder before, and may again.
     before = int(task(recorder).values["standstills"])
     with recorder._discovering:
         time.sleep(0.6)

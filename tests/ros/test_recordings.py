@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of an unknown drive in a recording: the same as live, and read back from the blocks."""
+"""Records of an unknown drive in a recording equal the live records."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ SETTINGS = TriggerSettings(record_s=10.0)
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Where a recording of one file is written."""
+    """Return the path of a recording to write."""
     return tmp_path / "flight.mcap"
 
 
@@ -38,7 +38,7 @@ def motion(seconds: float) -> NDArray[np.float64]:
 def blocks_of(
     position: NDArray[np.float64], size: int, first_index: int = 1, start_ns: int = START_NS
 ) -> list[Telemetry]:
-    """Blocks whose current counts the samples, and whose stamps jitter by up to 0.2 ms."""
+    """Return blocks whose current is the sample index and whose stamps jitter by up to 0.2 ms."""
     random = np.random.default_rng(1)
     found = []
     for start in range(0, len(position), size):
@@ -76,7 +76,7 @@ def assert_same(found: BagWindows, windows: Sequence[Window]) -> None:
 
 @pytest.mark.parametrize("size", [1, 7, 400])
 def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
-    """Long motion, rests, and a motion that ends with the bag; blocks shorter than a record."""
+    """The bag has long motion, rests, and a motion at its end; blocks are shorter than records."""
     position = np.concatenate(
         [np.zeros(300), motion(33.0), np.zeros(900), motion(4.0), np.zeros(200), motion(3.0)]
     )
@@ -89,7 +89,7 @@ def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
 
 
 def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Path):
-    """A driver that is restarted counts from 1 again, in the middle of a motion."""
+    """A driver that restarts in the middle of a motion counts from 1 again."""
     before = blocks_of(motion(8.0), 50)
     after = blocks_of(motion(6.0), 50, start_ns=START_NS + 9_000_000_000)
     found = read_windows(recorded(path, [*before, *after]), SETTINGS)
@@ -101,7 +101,7 @@ def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Pat
 def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
     short = np.concatenate([motion(1.0), np.zeros(700)])
     found = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
-    # The first bin, of 0.03 s, and the last one do not count.
+    # The first and the last bin, of 0.03 s each, do not count.
     reason = "a record needs 2 s of motion, and the longest piece has 0.92 s"
     assert (found.windows, found.obstacle) == ([], reason)
     long = np.concatenate([short, motion(5.0)])
@@ -113,7 +113,7 @@ def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
 
 
 def test_long_records_stay_in_the_bag(path: Path):
-    """Of records with more than 1 million samples, one stays in memory; of short ones, two."""
+    """One record stays in memory if it exceeds 1 million samples, two if they are shorter."""
     position = np.concatenate([motion(4.0), np.zeros(700), motion(4.0)])
     found = read_windows(recorded(path, blocks_of(position, 100)), SETTINGS)
     assert len(found.usable) == 2
@@ -132,7 +132,7 @@ def test_long_records_stay_in_the_bag(path: Path):
 
 
 class _LongPlace(WindowPlace):
-    """A place that claims 1.5 million samples."""
+    """A window place that claims to have 1.5 million samples."""
 
     def __init__(self, place: WindowPlace) -> None:
         super().__init__(place.recorded, place.first, place.last, place.offset, 1_500_000)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag gives the same estimates offline, and replayed at any rate into a fresh monitor."""
+"""A bag gives the same estimates offline and when replayed at any rate into a new monitor."""
 
 from pathlib import Path
 from typing import Any
@@ -28,16 +28,16 @@ REST = 110_000
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four windows: a good one, one with a gap, a good one, one that the end cuts off.
+    """Bag with four windows: a good one, one with a gap, a good one, and one cut off by the end.
 
-    Before them is more telemetry at rest than any history holds: who falls behind loses some.
+    The telemetry at rest before them exceeds any queue: a receiver that falls behind loses some.
     """
     actuator = SimulatedActuator()
     actuator.faults = fault_vector({"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1})
     cycle = build_cycle(THESIS_CHIRP, 1e-4)
     cycles = np.tile(cycle.samples, 4)[: 3 * len(cycle.samples) + cycle.start + 2000]
     moving = actuator.advance(cycles)
-    # Before it moves, nothing of it differs from zero.
+    # All columns are zero before the motion.
     columns = (np.concatenate([np.zeros(REST), getattr(moving, name)]) for name in COLUMNS)
     whole = Telemetry(moving.stamp_ns, 1e-4, moving.first_index, *columns)
     blocks = [whole.part(n, min(n + 100, len(whole))) for n in range(0, len(whole), 100)]
@@ -51,7 +51,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def plain(message: Any) -> dict[str, Any]:
-    """Return every field but the computing time, to the last bit."""
+    """Return all fields of a message but the computing time, with floats as bytes."""
     values = {}
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
@@ -66,7 +66,7 @@ def plain(message: Any) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def expected(bag: Path) -> list[FaultEstimate]:
-    """What `ema estimate` finds, as messages."""
+    """Estimates of `ema estimate`, as messages."""
     found = read_windows(bag, ReadingOptions(trigger=TriggerSettings()))
     estimates = Identifying().estimate(found.windows, Calibration.builtin())
     return [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm's node, in this process, as another node sees it."""
+"""Interface of the simulated arm's node to other nodes."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ def _kernels():
 
 
 class Listener(Probe):
-    """What other nodes receive from an arm."""
+    """A probe that receives the messages of an arm."""
 
     def __init__(self, context: Context, node: RobotNode) -> None:
         super().__init__(context, node)
@@ -62,7 +62,7 @@ class Listener(Probe):
 
 @contextmanager
 def running(**parameters: Any) -> Iterator[Listener]:
-    """Listen to an arm from its first sample on; `wear__elbow` is `wear.elbow`."""
+    """Yield the listener of a new, active arm; `wear__elbow` stands for `wear.elbow`."""
     named = {name.replace("__", "."): value for name, value in parameters.items()}
     with probed(RobotNode, Listener, named) as listener:
         assert listener.node.trigger_configure()
@@ -76,7 +76,7 @@ def running(**parameters: Any) -> Iterator[Listener]:
 
 
 def test_samples_are_those_of_the_arm_at_its_rate_with_the_wall_clock_as_stamps(monkeypatch):
-    # However late it is on a busy machine, its schedule is never shifted here.
+    # The schedule is never shifted here, even if the node is late on a busy machine.
     monkeypatch.setattr(runner, "TOLERANCE_S", 1e6)
     with running(seed=3, payload=1.0) as listener:
         listener.until(lambda: len(listener.received(topics.JOINT_STATES)) >= 1000)
@@ -127,7 +127,7 @@ def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
         assert all(item.successful for item in listener.node.set_parameters(changes))
         changed_at = len(listener.frictions())
         listener.until(lambda: len(listener.frictions()) >= changed_at + 3)
-        # A stamp of each 10 ms of simulated time; at 20 Hz each sample has one.
+        # The clock ticks every 10 ms of simulated time; at 20 Hz, with each sample.
         listener.until(lambda: len(listener.received("/clock")) > 100)
         refused = listener.node.set_parameters([Parameter("wear.base", value=-1.0)])
         assert "wear.base" in refused[0].reason
@@ -135,7 +135,7 @@ def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
         assert figures(listener.statuses("simulation")[-1])["rate"] == 40.0
     ratios = np.array(listener.frictions())
     elbow, base = JOINT_NAMES.index("elbow"), JOINT_NAMES.index("base")
-    # Healthy friction wanders by 1 %, less from cycle to cycle.
+    # Healthy friction varies by 1 %, and less from cycle to cycle.
     assert ratios[:3, elbow] / ratios[0, elbow] == pytest.approx([1.0, 1.2, 1.4], abs=0.02)
     assert np.diff(ratios[-2:, elbow]) == pytest.approx(0.0, abs=0.02)
     assert np.diff(ratios[-2:, base]) == pytest.approx(1.0, abs=0.05)
@@ -149,7 +149,7 @@ def test_payload_is_published_as_it_changes():
     with running(speedup=20.0, rate=20, payload=1.5) as listener:
         listener.until(lambda: len(listener.frictions()) >= 2)
         masses = [message.data for message in listener.received(topics.PAYLOAD)]
-    # Two parts a cycle; the hand closes within two samples.
+    # There are two parts per cycle; the gripper closes within two samples.
     assert masses[0] == 0.0
     assert (min(masses), max(masses)) == (0.0, 1.5)
     assert all(before != after for before, after in pairwise(masses))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Health, life and lives under scenarios: of a live monitor, and of the same tests from a bag."""
+"""Health, life and lives under scenarios are equal for a live monitor and for a bag."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,7 +35,7 @@ CountedTest = tuple[Telemetry, Usage]
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 TESTS = REFERENCE_TESTS + 4
 COVERAGE = 1e-5
-"""Telemetry of a test of some seconds stands for the hours between tests."""
+"""Least share of service hours covered by telemetry: tests of seconds stand for hours."""
 SCENARIOS = [
     DutyScenario(name="as flown"),
     DutyScenario(name="idle", travel_per_hour=1.0, hours_per_cycle=2.0, hours_per_day=4.0),
@@ -46,7 +46,7 @@ SCENARIOS = [
 
 @pytest.fixture(scope="module")
 def tests() -> list[CountedTest]:
-    """Tests of an actuator whose friction grows, at irregular intervals, with counts of others."""
+    """Tests of an actuator with growing friction at irregular intervals, with service counts."""
     actuator, found = SimulatedActuator(stamp_ns=START_NS), list[CountedTest]()
     for number in range(TESTS):
         actuator.faults = fault_vector({"friction": 0.1 + 0.02 * number})
@@ -60,7 +60,7 @@ def tests() -> list[CountedTest]:
 
 @pytest.fixture(scope="module")
 def record(tests: list[CountedTest], tmp_path_factory: pytest.TempPathFactory) -> UnitRecord:
-    """What the commands read of a bag of the tests."""
+    """Unit record that the commands read from a bag of the tests."""
     path = tmp_path_factory.mktemp("flown") / "life.mcap"
     with BagWriter(path) as writer, SimulatedActuatorBag(writer, FLAP) as bag:
         for block, usage in tests:
@@ -71,12 +71,12 @@ def record(tests: list[CountedTest], tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="module")
 def session(tests: list[CountedTest]) -> Iterator[MonitorSession]:
-    """A monitor that has heard all counts, and then the tests."""
+    """A monitor that has received all counts, and then the tests."""
     with monitor({"damage.least_coverage": COVERAGE}) as running:
         running.mount()
         for _, usage in tests:
             running.send(topics.USAGE, usage)
-        # Once the last count is complained of, all before it have been heard.
+        # When the impossible last count is reported, all counts before it have been received.
         running.send(topics.USAGE, Usage(actuator_id=FLAP.actuator_id, flight_hours=-5.0))
         running.until_status("flap telemetry", "flight_hours = -5 h")
         live(running, [block for block, _ in tests])
@@ -90,7 +90,7 @@ def asked(session: MonitorSession, *scenarios: DutyScenario):
 
 @pytest.fixture(scope="module")
 def course(record: UnitRecord) -> Course:
-    """What the command finds in the bag."""
+    """Course of the unit that the command computes from the bag."""
     calibration = Calibration.builtin()
     given = Predicting(
         prognosis=PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE)),

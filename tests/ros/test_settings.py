@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters are declared from the definitions that validate them, and descriptions from files."""
+"""Parameters are declared from dataclasses that validate them; descriptions are read from files."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class Oven(Checked):
 
 @pytest.fixture
 def make_oven(make_node: Callable[..., Node]) -> Callable[..., Node]:
-    """Make a node that was given some parameters."""
+    """Return a function that makes a node with parameter overrides."""
 
     def make(**given: Any) -> Node:
         overrides = [Parameter(key.replace("__", "."), value=v) for key, v in given.items()]
@@ -126,7 +126,7 @@ def test_impossible_change_is_refused_by_name(make_oven, name: str, value: Any):
 
 @pytest.mark.parametrize(("first", "second"), [("1e2", "1.2e2"), (100, 120)])
 def test_number_keeps_its_type_regardless_of_what_it_came_as(make_oven, first, second):
-    # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
+    # YAML 1.1 reads 1e2 and 1e-06 as texts, and tools use it to load dumped parameters.
     node = make_oven(left__temperature=first, left__trays="3")
     left = LiveSettings(node, Oven, "left.")
     assert left.value == Oven(100.0, 3)
@@ -186,7 +186,7 @@ def test_change_takes_effect_at_the_next_configure_and_is_refused_while_active(m
         "left.temperature cannot be changed while the node is active: deactivate it, set the "
         "parameter, then clean up, configure and activate"
     )
-    assert set_one(node, "left.temperature", 200.0).successful  # it changes nothing
+    assert set_one(node, "left.temperature", 200.0).successful  # this changes nothing
     node.trigger_deactivate()
     assert set_one(node, "left.temperature", 250.0).successful
     assert "too low to grill" in set_both(node, "grill", 50.0).reason
@@ -255,7 +255,7 @@ def test_file_that_describes_no_actuator_is_refused_by_its_name(
 
 @pytest.mark.parametrize("parameters", ["", "parameters: {}\n", "parameters:\n"])
 def test_unknown_drive_needs_names_alone(tmp_path, parameters):
-    """Torques of the joint are then used as they are, and angles are angles of the joint."""
+    """Without parameters, torques and angles refer to the joint."""
     file = tmp_path / "wheel.yaml"
     file.write_text(f"actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n{parameters}")
     description = load_description(file)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is published on /diagnostics follows the rules of those who read it."""
+"""Statuses on /diagnostics follow the conventions of their readers."""
 
 import re
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_level_of_a_fault_agrees_with_its_value_or_states_what_is_missing():
 
 
 def health_task(name: str) -> Task:
-    """The status of the health after a record that gives a comparison."""
+    """Return the health status after a record with the named comparison."""
     unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     description = ActuatorDescription()
     unit.finder.describe(description)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A test that was stored before it was sent gives no OK where its stamps do not show its age."""
+"""A stored test that is sent later gives no OK if its stamps do not show its age."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +29,7 @@ FLAP = ActuatorDescription(actuator_id=UNIT[0], serial_number=UNIT[1])
 
 
 class Bench:
-    """A monitor of one unit, its history, and the clocks of the machine."""
+    """A monitor of one unit with its history, and the clocks of the machine."""
 
     def __init__(self, settings: PrognosisSettings = LIVE, folder: Path | None = None) -> None:
         self.settings, self.folder = settings, folder
@@ -73,7 +73,7 @@ class Bench:
         self.actuator.expire(30.0, self.moment())
 
     def test(self, end_ns: int | None = None, *, pace: float = 1.0, friction: float = 0.02) -> str:
-        """Receive a test of 0.5 s at a share of the time in which it was measured."""
+        """Receive a test with 1 s of telemetry. ``pace`` 1 is real time, 0 is all at once."""
         end_ns = self.clock_ns + S if end_ns is None else end_ns
         for block in range(10):
             self.wait(0.1 * pace)
@@ -107,13 +107,13 @@ def bench() -> Bench:
 @pytest.mark.parametrize("back_s", [-20.0, -600.0, -3600.0])
 @pytest.mark.parametrize("has_tests", [True, False])
 def test_stored_test_after_a_backward_step_is_no_ok(back_s: float, has_tests: bool):
-    """Its stamp is of a time that the clock shows twice: it looks as if it were new."""
+    """The clock shows the time of its stamp twice, so that the test looks new."""
     bench = Bench()
     if has_tests:
         assert bench.test() == "OK"
     bench.wait(40.0)
     bench.wait(1.0, back_s)
-    # It was measured as long ago as the clock went back, or 1 s before the step.
+    # The test ended 3 s before now by the clock, or 1 s before the step.
     for end_ns in (bench.clock_ns - 3 * S, bench.clock_ns - round(back_s * S) - 2 * S):
         assert bench.test(end_ns, pace=0.0) == "STALE"
     assert "the clock went back" in bench.reason
@@ -142,7 +142,7 @@ def test_stored_test_of_a_fault_after_a_step_is_no_worse_than_the_fault(bench: B
 def test_stored_test_with_stamps_that_show_no_date_is_no_ok(
     ahead_s: float, has_clock: bool, streams: bool
 ):
-    """An actuator that never sends while it measures is trusted to send at once after that."""
+    """An actuator that never sends during a test is trusted to send immediately after it."""
     bench = Bench(replace(LIVE, has_clock=has_clock))
     for _ in range(20 * streams):
         bench.wait(0.1)
@@ -154,7 +154,7 @@ def test_stored_test_with_stamps_that_show_no_date_is_no_ok(
         return
     assert bench.test(bench.clock_ns + round(ahead_s * S), pace=0.0) == "STALE"
     assert "when" in bench.reason
-    # The first passes as it is received while it is measured.
+    # This test is accepted because it is received while it is measured.
     assert bench.test(bench.clock_ns + round((ahead_s + 20.0) * S)) == "OK"
 
 
@@ -163,7 +163,7 @@ def test_stored_test_with_stamps_that_show_no_date_is_no_ok(
     [
         (10.0, 0.0, "boot 1", "OK"),
         (40.0, 0.0, "boot 1", "STALE"),
-        # The clock alone shows 20 s since the test.
+        # Only the clock shows 20 s since the test.
         (40.0, -20.0, "boot 1", "STALE"),
         (10.0, 0.0, "boot 2", "STALE"),
     ],
@@ -179,14 +179,14 @@ def test_level_of_a_history_needs_a_clock_that_was_followed(
     bench.boot = boot
     bench.start()
     assert bench.level == level
-    # A stored test of the time that the clock has shown twice.
+    # A stored test from the time that the clock has shown twice.
     if step_s:
         assert bench.test(bench.clock_ns - S, pace=0.0) == "STALE"
     assert bench.test() == "OK"
 
 
 def test_test_that_is_ahead_of_simulated_time_is_ok(bench: Bench):
-    """A playback sends telemetry before the time of its stamps."""
+    """A player may send telemetry before the simulated time reaches its stamps."""
     bench.clock = ReceiverClock(lambda: bench.clock_ns, is_simulated=True)
     assert bench.test(bench.clock_ns + 5 * S, pace=0.0) == "OK"
 
@@ -227,9 +227,9 @@ def arrivals(blocks: int, pace: Callable[[int], float]) -> Arrivals:
     [
         (30, lambda _: 0.1, True),
         (30, lambda _: 0.0, False),
-        # The last ten blocks came at once, and those before with the time.
+        # The last ten blocks came at once, the earlier blocks in real time.
         (30, lambda block: 0.1 * (block < 20), False),
-        # A busy receiver takes the last two at once.
+        # A busy receiver takes the last two blocks at once.
         (30, lambda block: 0.1 * (block < 28), True),
         # After a pause.
         (30, lambda block: 5.0 * (block == 25), False),
@@ -246,7 +246,7 @@ def test_telemetry_that_arrives_as_it_is_measured_is_live(blocks: int, pace, is_
     ("pace", "streams"), [(0.1, True), (0.12, True), (0.06, False), (0.3, False)]
 )
 def test_sender_that_keeps_no_pace_does_not_stream(pace: float, streams: bool):
-    """Stored telemetry that a busy machine sends slowly is not by the clock of the actuator."""
+    """Stored telemetry that a busy machine sends slowly must not count as streamed."""
     assert arrivals(30, lambda _: pace).has_streamed == streams
 
 

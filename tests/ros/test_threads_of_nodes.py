@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thread of a node that ends by itself is an ERROR in its status, and is begun again."""
+"""If a thread of a node ends by itself, the status is ERROR and the thread is restarted."""
 
 import threading
 import urllib.request
@@ -41,7 +41,7 @@ def up(graph: Spinning, kind: type[ManagedNode], **parameters: Any) -> Any:
 
 
 def fails_once(monkeypatch: pytest.MonkeyPatch, kind: type, method: str) -> Callable[[], None]:
-    """Let a method raise at its next call after what is returned is called."""
+    """Patch a method. Return a function that makes the next call of the method raise."""
     usual, due = getattr(kind, method), threading.Event()
 
     def fail_if_due(self: Any, *arguments: Any) -> Any:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An actuator whose friction grows, and what a monitor is asked and says of it."""
+"""An actuator whose friction grows, and requests to its monitor."""
 
 import math
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ HOURS = 10.0
 
 
 def friction(number: int) -> float:
-    """At the limit of 0.5 in test 32."""
+    """Return the friction in a test; it reaches the limit of 0.5 in test 32."""
     return 0.05 * math.expm1(0.0075 * HOURS * number)
 
 
@@ -39,13 +39,13 @@ _cycles, _made = _wearing(), list[Telemetry]()
 
 
 def worn_cycles(n: int) -> list[Telemetry]:
-    """Test cycles of an actuator whose friction grows, each in one block and made once."""
+    """Return n test cycles of an actuator with growing friction, one block each."""
     _made.extend(islice(_cycles, max(n - len(_made), 0)))
     return _made[:n]
 
 
 def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
-    """Let an actuator test itself again and again; return the health after each test."""
+    """Send test cycles one by one. Return the health after each test."""
     before = len(session.healths())
     for number, block in enumerate(cycles, 1):
         session.feed([block])
@@ -54,9 +54,9 @@ def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
 
 
 def plain(message: Any) -> Any:
-    """A message in words that give every figure to the last bit; NaN is equal to itself.
+    """Return a message as a text with all digits, in which NaN is equal to itself.
 
-    Who says so, and when a test was received, differs from run to run.
+    Author and times of reception, which differ from run to run, are cleared.
     """
     message = deepcopy(message)
     if isinstance(message, Health):
@@ -66,7 +66,7 @@ def plain(message: Any) -> Any:
 
 
 def replaced(message: Health) -> Health:
-    """The message without events, which are published once."""
+    """Return the message without events, which are published only once."""
     message.events = []
     return message
 
