@@ -18,6 +18,9 @@ COLUMNS = ("command", "current", "position", "speed")
 OPTIONAL = ("command", "current", "speed")
 """Columns that may be empty, if they are not measured."""
 
+SERIES = (*COLUMNS, "payload")
+"""Fields of telemetry with numbers per sample: the columns, and the payload."""
+
 PERIODS = (1e-9, 1.0)
 """Shortest and longest permitted sample period [s]."""
 
@@ -68,10 +71,9 @@ class Telemetry:
     def __post_init__(self) -> None:
         check_period(self.sample_period)
         n = len(self.position)
-        optional = self.command, self.current, self.speed, self.interpolated, self.payload
-        if not n or not {0, n}.issuperset(map(len, optional)):
-            names = *COLUMNS, "payload"
-            listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in names)
+        lengths = {name: len(getattr(self, name)) for name in SERIES}
+        if not n or not {0, n}.issuperset((*lengths.values(), len(self.interpolated))):
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise ValueError(
                 f"telemetry columns must have the same length of at least 1, not {listed}; only "
                 f"{', '.join((*OPTIONAL, 'payload'))} may be empty, if they are not measured"
@@ -121,9 +123,8 @@ class Telemetry:
             self.stamp_at(start),
             self.sample_period,
             self.first_index + start,
-            *(getattr(self, name)[start:stop] for name in COLUMNS),
+            **{name: getattr(self, name)[start:stop] for name in SERIES},
             interpolated=self.interpolated[start:stop],
-            payload=self.payload[start:stop],
         )
 
 
@@ -183,9 +184,8 @@ def join(blocks: list[Telemetry]) -> Telemetry:
         first.stamp_ns,
         first.sample_period,
         first.first_index,
-        *(np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS),
+        **{name: np.concatenate([getattr(block, name) for block in blocks]) for name in SERIES},
         interpolated=interpolated,
-        payload=np.concatenate([block.payload for block in blocks]),
     )
 
 

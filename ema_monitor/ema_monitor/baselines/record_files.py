@@ -15,7 +15,7 @@ import numpy as np
 from ema_core.causes import CauseEstimate
 from ema_core.dates import has_date
 from ema_core.files import complete_file
-from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.telemetry import SERIES, Telemetry
 from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.windows.window import Window
 
@@ -141,7 +141,7 @@ def _listed(folder: Path) -> list[StoredRecord]:
 def _arrays(window: Window) -> dict[str, Any]:
     telemetry = window.telemetry
     origin = float(telemetry.position[0])
-    columns = {name: getattr(telemetry, name) for name in (*COLUMNS, "payload")}
+    columns = {name: getattr(telemetry, name) for name in SERIES}
     measured = {cause.name: (cause.value, cause.sigma) for cause in window.measured}
     return {
         "stamp_ns": np.array(telemetry.stamp_ns, dtype=np.int64),
@@ -171,8 +171,7 @@ def _window(path: Path) -> Window:
 def _decoded(file: IO[bytes]) -> Window:
     with np.load(file, allow_pickle=False) as arrays:
         origin = float(arrays["origin"])
-        names = (*COLUMNS, *(["payload"] if "payload" in arrays else []))
-        columns = {name: arrays[name].astype(np.float64) for name in names}
+        columns = {name: arrays[name].astype(np.float64) for name in SERIES if name in arrays}
         for name in _ANGLES:
             columns[name] += origin
         lost, samples = arrays["interpolated"], len(columns["position"])

@@ -35,7 +35,7 @@ from ema_monitor.joint.record import JointRecord, read_record, record_defect
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
-from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered, usual_speed
+from ema_monitor.joint.signals import Fine, Signals, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.standstill import StandstillCause, standstill_of
@@ -190,14 +190,8 @@ def _signals(
 ) -> Signals:
     """Return the rows of a record with the lag of its effort removed."""
     preparation = calibration.baseline.preparation
-    fine = _blocks(window.telemetry, description, preparation)
+    fine = preparation.block_means(window.telemetry, description)
     return filtered(aligned(fine, lag), preparation)
-
-
-def _blocks(
-    telemetry: Telemetry, description: ActuatorDescription, preparation: Preparation
-) -> Fine:
-    return block_means(telemetry, description, preparation.cutoff_hz, is_empty=preparation.is_empty)
 
 
 def learning_estimate(window: Window | Refusal, *reasons: Reason) -> Estimate:
@@ -268,7 +262,7 @@ def _record_of(
 ) -> JointRecord | tuple[Reason, ...]:
     """Return a record fitted to usable samples, or the reasons why it cannot be compared."""
     preparation = calibration.baseline.preparation
-    fine = _blocks(window.telemetry, description, preparation)
+    fine = preparation.block_means(window.telemetry, description)
     healthy = [item.effort_lag for item in calibration.baseline.records]
     lag = with_shift(effort_lag(fine, preparation), healthy, preparation.cutoff_hz)
     record = _read(window, description, calibration, fine, lag)

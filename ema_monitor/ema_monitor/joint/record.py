@@ -16,7 +16,7 @@ from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
 from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
 from ema_monitor.joint.shape import Shape, fit_record, friction_error_square
-from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
+from ema_monitor.joint.signals import Fine, Preparation, Signals, filtered
 from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows, TooFewStrokes
 
 NS_A_DAY: Final = 86_400_000_000_000
@@ -157,9 +157,7 @@ def read_record(
         Lag of the effort behind the motion; its shift is already removed from ``prepared``.
     """
     if prepared is None:
-        fine = block_means(
-            telemetry, description, preparation.cutoff_hz, is_empty=preparation.is_empty
-        )
+        fine = preparation.block_means(telemetry, description)
         prepared = fine, filtered(fine, preparation)
     fine, signals = prepared
     fit = fit_record(shape, signals, healthy)

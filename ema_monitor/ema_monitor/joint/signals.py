@@ -67,6 +67,10 @@ class Preparation(NamedTuple):
         """Longest sample period for which the filter works [s]."""
         return HIGHEST_SHARE * _LEEWAY / self.cutoff_hz
 
+    def block_means(self, telemetry: Telemetry, description: ActuatorDescription) -> "Fine":
+        """Return the columns of a record as block means (`block_means`)."""
+        return block_means(telemetry, description, self.cutoff_hz, is_empty=self.is_empty)
+
 
 @dataclass(frozen=True)
 class Signals:

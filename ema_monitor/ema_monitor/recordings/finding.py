@@ -202,12 +202,11 @@ def _recorded_window(
     if isinstance(window, Refusal):
         place = window
     else:
-        start, samples = window.telemetry.first_index, len(window.telemetry)
-        stop = start + samples + sum(map(len, window.omitted))
+        start, stop = window.telemetry.first_index, window.telemetry.first_index + window.span
         # A window may begin or end at interpolated samples, which lie between two blocks.
         first, index, _ = [item for item in latest if item[1] <= start][-1]
         last = next((item for item in latest if item[2] >= stop), latest[-1])
-        place = WindowPlace(recorded, first, last[0], start - index, samples, window.omitted)
+        place = WindowPlace(recorded, first, last[0], start - index, window.span, window.omitted)
         play, measured = window.play, window.measured
     return RecordedWindow(
         segment.number,

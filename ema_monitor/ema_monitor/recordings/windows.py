@@ -40,10 +40,15 @@ class WindowPlace:
     """Place of the block with the last sample."""
     offset: int
     """Index of the first sample in the first block."""
-    samples: int
-    """Number of samples, without the omitted ones."""
+    span: int
+    """Number of samples, including the omitted samples."""
     omitted: tuple[range, ...] = ()
     """Ranges of running indices that the window leaves out (see `Window`)."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples, without the omitted samples."""
+        return self.span - sum(map(len, self.omitted))
 
     def read(self) -> Telemetry:
         """Read the samples."""
@@ -51,8 +56,8 @@ class WindowPlace:
         blocks = (item for _, item in items if isinstance(item, Telemetry))
         first = next(blocks)
         start = first.first_index + self.offset
-        stop = start + self.samples + sum(map(len, self.omitted))
-        return excerpt(bridged(chain([first], blocks)), start, stop, self.omitted)
+        samples = bridged(chain([first], blocks))
+        return excerpt(samples, start, start + self.span, self.omitted)
 
 
 @dataclass(frozen=True)

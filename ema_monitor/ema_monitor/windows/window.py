@@ -131,7 +131,12 @@ class Window(Displayed):
     @property
     def end_ns(self) -> int:
         """Timestamp of the last sample [ns]."""
-        return self.telemetry.stamp_at(len(self) + sum(map(len, self.omitted)))
+        return self.telemetry.stamp_at(self.span - 1)
+
+    @property
+    def span(self) -> int:
+        """Number of samples from the first to the last, including omitted samples."""
+        return len(self.telemetry) + sum(map(len, self.omitted))
 
     @property
     def start_offset(self) -> float:

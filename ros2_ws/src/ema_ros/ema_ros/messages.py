@@ -19,7 +19,7 @@ from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.settings_parameters import parameters_of
-from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.telemetry import SERIES, Telemetry
 from ema_ros.stamps import check_stamp, stamp_from_message, stamp_to_message
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBl
     message.actuator_id = actuator_id
     message.sample_period = float(block.sample_period)
     message.first_index = int(block.first_index)
-    for name in (*COLUMNS, *(["payload"] if block.has_payload else [])):
+    for name in SERIES:
         # A message stores an array.array without checks; other sequences are checked per item.
         column = np.asarray(getattr(block, name), dtype=np.float64)
         setattr(message, name, array.array("d", column.tobytes()))
@@ -65,9 +65,8 @@ def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
         stamp_from_message(message.header.stamp),
         message.sample_period,
         message.first_index,
-        *(np.array(getattr(message, name), dtype=np.float64) for name in COLUMNS),
-        # Messages of an older definition (read without ROS) have none.
-        payload=np.array(getattr(message, "payload", ()), dtype=np.float64),
+        # Messages of an older definition (read without ROS) have no payload.
+        **{name: np.array(getattr(message, name, ()), dtype=np.float64) for name in SERIES},
     )
     check_stamp(block.stamp_at(len(block) - 1))
     return block

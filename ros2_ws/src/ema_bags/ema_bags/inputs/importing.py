@@ -30,7 +30,7 @@ from ema_bags.inputs.series import Series, join_topics
 from ema_bags.inputs.temperature import MeasuredRise, RiseSampler, held_from
 from ema_bags.inputs.wrapping import Unwrapper
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import COLUMNS, PAUSE_S, Telemetry
+from ema_core.telemetry import COLUMNS, PAUSE_S, SERIES, Telemetry
 
 BLOCK_S: Final = 0.05
 """Default block length in imported bags [s]."""
@@ -139,7 +139,7 @@ class SampleStream:
                 int(run.stamps_ns[start]) + shift_ns,
                 h,
                 run.first_index + start,
-                **{name: columns.get(name, np.empty(0)) for name in (*COLUMNS, "payload")},
+                **{name: columns.get(name, np.empty(0)) for name in SERIES},
             )
 
 
