@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Benefit of each mechanism of growth: the prognosis without it, on the same lives.
 
-    python -m prognosis.ablation [--own-laws N] [--developed N] [--held-out N] [--unseen N]
-        [--thin N]
+    python -m prognosis.ablation [--own-laws N] [--wrong N] [--repaired N] [--developed N]
+        [--held-out N] [--unseen N] [--thin N]
 
 Lives to failure follow laws that the tracker has ("own"), laws that it was developed with, among
 them waves and S-shaped growth ("developed"), and laws that were not used in development ("held
-out", "unseen"). There are N lives of each law; the tracker does not know which law applies. One of
-every --thin tests is used. Each mechanism is switched off separately, by an argument of the
-tracker's constructor. The fleet prior is switched on instead. Its fleet consists of units of the
-own lives, so it differs in kind from the units of the other sets. Damage is judged on lives whose
-duty changes (``duty.py``).
+out", "unseen"). There are N lives of each law; the tracker does not know which law applies. Two
+sets alter own lives: one of 25 estimates is wrong by far more than its sigma ("wrong estimates"),
+or the unit is repaired and lives again ("repaired"). One of every --thin tests is used.
+
+Each mechanism is switched off separately, by an argument of the tracker's constructor. The fleet
+prior is switched on instead. Its fleet consists of units of the own lives, so it differs in kind
+from the units of the other sets. Damage is judged on lives whose duty changes (``duty.py``).
 
 A change is the mean over lives of the difference from the full model on the same estimates, with a
 standard error by bootstrap over lives. A mechanism is beneficial if the result without it is worse
@@ -20,6 +22,7 @@ predicted life at all.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any, Final, NamedTuple
@@ -30,6 +33,7 @@ from rich.table import Table
 from script import Figures, Workers, command
 from targets import grid
 
+from ema_core.faults import COMPONENTS, HIGHEST, INDICES
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet_growth import FleetGrowth
 from ema_monitor.prognosis.growth.check import PredictionCheck
@@ -54,6 +58,10 @@ SAMPLES: Final = 500
 """Samples of a scored prediction."""
 DRAWS: Final = 2000
 """Draws of the bootstrap."""
+WRONG: Final = 0.04
+"""Probability of a wrong estimate, in lives with wrong estimates."""
+WRONG_BY: Final = (0.1, 0.5)
+"""Smallest and largest error of a wrong estimate, as a share of the limit (log-uniform)."""
 
 Array = NDArray[np.float64]
 
@@ -108,7 +116,19 @@ class Score(NamedTuple):
     late: int  # number of intervals in the second half of life
 
 
-Scored = lives.ScoredLife | foreign_lives.ForeignCase
+class WrongEstimates(NamedTuple):
+    """An own life in which some estimates are wrong, although their sigmas are as usual."""
+
+    case: lives.ScoredLife
+
+
+class Repaired(NamedTuple):
+    """A unit that is repaired after 60 % of an own life, and then lives the life again."""
+
+    case: lives.ScoredLife
+
+
+Scored = lives.ScoredLife | foreign_lives.ForeignCase | WrongEstimates | Repaired
 
 
 def _life(case: Scored) -> tuple[list[Measurement], float, float]:
@@ -116,8 +136,34 @@ def _life(case: Scored) -> tuple[list[Measurement], float, float]:
     if isinstance(case, foreign_lives.ForeignCase):
         foreign = case.life()
         return case.measurements(foreign), foreign.start_hours, foreign.end_hours
+    if isinstance(case, WrongEstimates):
+        measurements, start, end = _life(case.case)
+        rng = case.case.rng(2)
+        return [_maybe_wrong(measurement, rng) for measurement in measurements], start, end
+    if isinstance(case, Repaired):
+        measurements, start, end = _life(case.case)
+        repair = 0.6 * end
+        before = [item for item in measurements if item.hours < repair]
+        return [*before, *(_later(item, repair) for item in measurements)], repair, repair + end
     life = case.life()
     return drawn(case, life), 0.0, life.end_hours
+
+
+def _later(measurement: Measurement, hours: float) -> Measurement:
+    """Return a measurement whose test is ``hours`` later."""
+    later = measurement.hours + hours
+    return Measurement(later, measurement.faults, measurement.covariance, measurement.unobservable)
+
+
+def _maybe_wrong(measurement: Measurement, rng: np.random.Generator) -> Measurement:
+    """Return a measurement that has, with probability `WRONG`, a wrong component."""
+    is_wrong, component = rng.random() < WRONG, int(rng.integers(len(COMPONENTS)))
+    share = np.exp(rng.uniform(*np.log(WRONG_BY))) * rng.choice((-1.0, 1.0))
+    if not is_wrong:
+        return measurement
+    faults = measurement.faults.copy()
+    faults[INDICES[component]] += share * HealthLimits().of(COMPONENTS[component])
+    return replace(measurement, faults=np.clip(faults, 0.0, HIGHEST))
 
 
 def scores_of(case: Scored, fleet: FleetPrior | None, thin: int) -> dict[str, Score]:
@@ -180,6 +226,8 @@ def by_damage(seed: int) -> dict[str, tuple[list[float], list[bool]]]:
 def measure(
     pool: Workers,
     own_laws: int,
+    wrong: int,
+    repaired: int,
     developed: int,
     held_out: int,
     unseen: int,
@@ -195,6 +243,8 @@ def measure(
     prior = FleetGrowth(grid_digest(limits), evidence).prior(limits)
     cases: dict[str, list[Scored]] = {
         "own": [*lives.lives_of("growing", own_laws)],
+        "wrong estimates": [*map(WrongEstimates, lives.lives_of("growing", wrong))],
+        "repaired": [*map(Repaired, lives.lives_of("growing", repaired))],
         "developed": [*foreign_lives.lives_of(SETS["development"], developed)],
         "held out": [*foreign_lives.lives_of(SETS["held out"], held_out)],
         "unseen": [*foreign_lives.lives_of(SETS["unseen"], unseen)],
@@ -280,6 +330,8 @@ main = command(
     "ablation",
     tables=tables,
     own_laws=30,
+    wrong=30,
+    repaired=30,
     developed=6,
     held_out=7,
     unseen=14,
