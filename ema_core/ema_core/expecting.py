@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Type checks of arguments of public functions."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint: str = "") -> None:
@@ -21,3 +24,23 @@ def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint:
         names = " or ".join(kind.__name__ for kind in types)
         more = f": {hint}" if hint else ""
         raise ValueError(f"{name} is of type {type(value).__name__}, expected {names}{more}")
+
+
+def value_or_default(
+    name: str, value: T | None, expected: type | tuple[type, ...], default: Callable[[], T]
+) -> T:
+    """Return an argument, or its default for None; raise ``ValueError`` for a wrong type.
+
+    Parameters
+    ----------
+    name, value
+        Name and value of the argument.
+    expected
+        Permitted type, or a tuple of permitted types.
+    default
+        Function that returns the default.
+    """
+    if value is None:
+        return default()
+    require_type(name, value, expected)
+    return value

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_core.description import ActuatorDescription
-from ema_core.expecting import require_type
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
@@ -99,9 +99,13 @@ def find_windows(
     Raises
     ------
     ValueError
-        If ``telemetry`` or an item of it is not a `Telemetry`.
+        If ``telemetry`` or an item of it is not a `Telemetry`, or another argument has a wrong
+        type.
     """
-    finder = WindowFinder(settings or TriggerSettings(), description or ActuatorDescription())
+    finder = WindowFinder(
+        value_or_default("settings", settings, TriggerSettings, TriggerSettings),
+        value_or_default("description", description, ActuatorDescription, ActuatorDescription),
+    )
     windows: list[Window] = []
     for events in (*map(finder.feed, _blocks(telemetry)), finder.finish()):
         for event in events:
@@ -145,9 +149,17 @@ def identify_motion(
         The actuator and its calibration; None for the built-in actuator.
     settings
         Settings of the combination of stretches.
+
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong type.
     """
-    description = description or ActuatorDescription()
-    calibration = calibration or Calibration.builtin()
+    description = value_or_default(
+        "description", description, ActuatorDescription, ActuatorDescription
+    )
+    calibration = value_or_default("calibration", calibration, Calibration, Calibration.builtin)
+    settings = value_or_default("settings", settings, CombinationSettings, CombinationSettings)
     combination = Combination(description, calibration, settings=settings)
     stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
     steps = [step for stretch in stretches for step in combination.add(stretch)]
@@ -178,9 +190,11 @@ def track(
     Raises
     ------
     ValueError
-        If the numbers of hours and estimates differ, the hours descend, or an item of
-        ``estimates`` is not an estimate.
+        If the numbers of hours and estimates differ, the hours descend, or an argument or an item
+        of ``estimates`` has a wrong type.
     """
+    require_type("estimates", estimates, Iterable, "a list of estimates of identify(window)")
+    require_type("hours", hours, Iterable, "a list of service hours [h]")
     tracker, estimates, hours = Tracker(limits, settings), list(estimates), list(hours)
     if len(estimates) != len(hours):
         raise ValueError(

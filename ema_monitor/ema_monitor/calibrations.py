@@ -10,6 +10,7 @@ from typing import Final
 from urllib.parse import quote
 
 from ema_core.description import ActuatorDescription, UnitKey
+from ema_core.expecting import require_type, value_or_default
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
@@ -24,10 +25,14 @@ from ema_monitor.windows.window import Window
 AnyCalibration = Calibration | JointCalibration
 """Calibration of a modelled drive, or of a unit with an unknown drive."""
 
+CALIBRATIONS: Final = (Calibration, JointCalibration)
+"""Types of calibrations."""
+
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration file in the folder of a unit's bags."""
 
 _SUFFIXES: Final = (".yaml", ".yml")
+_WINDOWS_HINT: Final = "find_windows(telemetry) returns windows"
 
 
 def load_calibration(path: Path) -> AnyCalibration:
@@ -71,11 +76,18 @@ def calibrate(
     Raises
     ------
     ValueError
-        If there is no window; if the motion of a window is too small, its sample period differs
-        from the first window, or its columns differ from the description; if the unit deviates
-        impossibly far from its description, or implausibly far and no person accepts it.
+        If an argument has a wrong type, or there is no window.
+        If the motion of a window is too small, its sample period differs from the first window, or
+        its columns differ from the description.
+        If the unit deviates impossibly far from its description, or implausibly far and no person
+        accepts it.
     """
-    description = description or ActuatorDescription()
+    require_type("windows", windows, Sequence, _WINDOWS_HINT)
+    for window in windows if isinstance(windows, list | tuple) else ():
+        require_type("window", window, Window, _WINDOWS_HINT)
+    description = value_or_default(
+        "description", description, ActuatorDescription, ActuatorDescription
+    )
     if description.drive == "unknown":
         return calibrate_joint(windows, description)
     calibration = calibrate_model(windows, description, form)
@@ -85,8 +97,8 @@ def calibrate(
     if reason:
         raise ValueError(
             f"the windows are implausible for a healthy unit of this description: {reason}; check "
-            "unit and description, or state who accepts it: force and person of ~/calibrate, "
-            "--accepted-by of `ema calibrate`"
+            "unit and description, or state who accepts it (accepted_by; --accepted-by of "
+            "`ema calibrate`; force and person of ~/calibrate)"
         )
     return replace(calibration, baseline=WindowBaseline.of(window.telemetry for window in windows))
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.expecting import require_type
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.joint_calibration import JointCalibration
-from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.calibrations import CALIBRATIONS, AnyCalibration
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
 from ema_monitor.identification.joint_estimate import identify_record
@@ -173,7 +173,7 @@ def identify(
     Raises
     ------
     ValueError
-        If ``window`` is not a window, or a measured cause is unknown or impossible.
+        If an argument has a wrong type, or a measured cause is unknown or impossible.
     """
     hint = "find_windows(telemetry) returns windows"
     require_type("window", window, (Window, Refusal), hint)
@@ -182,9 +182,9 @@ def identify(
         window = window if isinstance(window, Refusal) else replace(window, measured=causes)
     identification = Identification(
         window,
-        description or ActuatorDescription(),
-        Calibration.builtin() if calibration is None else calibration,
-        settings or SearchSettings(),
+        value_or_default("description", description, ActuatorDescription, ActuatorDescription),
+        value_or_default("calibration", calibration, (*CALIBRATIONS, str), Calibration.builtin),
+        value_or_default("settings", settings, SearchSettings, SearchSettings),
         force=force,
         previous=previous,
     )

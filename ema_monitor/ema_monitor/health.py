@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ema_core.causes import CauseEstimate
+from ema_core.expecting import require_type
 from ema_core.faults import (
     FAULT_BY_NAME,
     FAULT_NAMES,
@@ -192,7 +193,7 @@ def assess(
     Raises
     ------
     ValueError
-        If the estimate is not valid.
+        If the estimate is not valid, or an argument has a wrong type.
 
     Notes
     -----
@@ -217,6 +218,8 @@ def assess(
     a smallest detectable change below the warning limit. Otherwise the level is STALE, and health
     index and confidence are unknown.
     """
+    require_type("estimate", estimate, Estimate, "identify(window) returns one")
+    require_type("limits", limits, HealthLimits)
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
     faults = tuple(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import value_or_default
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibrations import AnyCalibration
+from ema_monitor.calibrations import CALIBRATIONS, AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Generation
@@ -65,6 +66,11 @@ class Monitor:
     history_folder
         Folder of the history of the unit; None to keep the history in memory only.
 
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong type.
+
     Attributes
     ----------
     unit
@@ -78,9 +84,13 @@ class Monitor:
         settings: MonitorSettings | None = None,
         history_folder: Path | None = None,
     ) -> None:
-        self._description = description or ActuatorDescription()
-        self._calibration = calibration or Calibration.builtin()
-        self._settings = settings or MonitorSettings()
+        self._description = value_or_default(
+            "description", description, ActuatorDescription, ActuatorDescription
+        )
+        self._calibration = value_or_default(
+            "calibration", calibration, CALIBRATIONS, Calibration.builtin
+        )
+        self._settings = value_or_default("settings", settings, MonitorSettings, MonitorSettings)
         self._intake = Intake(
             self._description.actuator_id,
             self._settings.trigger,
@@ -91,6 +101,10 @@ class Monitor:
         key = self._description.unit_key
         path = history_path(history_folder, *key) if history_folder else None
         self.unit = Unit(History(*key, path), self._settings.prognosis)
+
+    def __repr__(self) -> str:
+        tests = len(self.unit.history.entries)
+        return f"<Monitor: {self._description.actuator_id}, {tests} valid tests>"
 
     def feed(self, telemetry: Telemetry) -> Iterator[Event]:
         """Process a block of telemetry; yield defects, estimates and outlooks.

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
+from ema_core.expecting import require_type, value_or_default
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
@@ -95,6 +96,7 @@ class Unit:
         opened_ns: int | None = None,
         author: str = "",
     ) -> None:
+        require_type("history", history, History, "History(actuator_id, serial_number)")
         self.history = history
         self._author = author
         # Newest test received since the start: stamp, reception time [ns], and whether it was live.
@@ -104,7 +106,8 @@ class Unit:
         # Outlook from the valid tests; None after settings or tests have changed.
         self._by_valid: Outlook | None = None
         self._lock = threading.RLock()
-        self._settings = settings = settings or PrognosisSettings()
+        settings = value_or_default("settings", settings, PrognosisSettings, PrognosisSettings)
+        self._settings = settings
         self.growth = self._growth_of_all(history.growth)
         self._shown = self._shown_by_all()
         self._intermittent = self._intermittent_by_all()

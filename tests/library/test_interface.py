@@ -4,6 +4,7 @@
 import ast
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,34 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
     for wrong in (telemetry, [window], telemetry.current):
         with pytest.raises(ValueError, match=r"expected Window or Refusal: find_windows"):
             ema_monitor.identify(wrong)
+    public, settings = ema_monitor, ema_monitor.SearchSettings()
+    calls: list[tuple[str, Callable[[Any], Any], tuple[Any, ...]]] = [
+        ("description is of type", lambda x: public.find_windows(telemetry, x), (3, settings)),
+        ("settings is of type", lambda x: public.find_windows(telemetry, None, x), (3, settings)),
+        ("returns windows$", public.calibrate, (telemetry, [telemetry], 3)),
+        ("description is of type", lambda x: public.calibrate([window], x), (3, settings)),
+        (
+            "calibration is of type",
+            lambda x: public.identify(window, calibration=x),
+            (3, telemetry),
+        ),
+        ("description is of type", lambda x: public.identify(window, x), (3, settings)),
+        ("settings is of type", lambda x: public.identify(window, settings=x), (3, telemetry)),
+        ("calibration is of type", lambda x: public.identify_motion(telemetry, None, x), (3,)),
+        ("settings is of type", lambda x: public.identify_motion(telemetry, None, None, x), (3,)),
+        ("estimates is of type", lambda x: public.track(x, [1.0]), (estimate, 3)),
+        ("hours is of type", lambda x: public.track([estimate], x), (1.0,)),
+        ("limits is of type", lambda x: public.track([], [], x), (3, settings)),
+        ("estimate is of type", lambda x: public.assess(x, public.HealthLimits()), (3, window)),
+        ("limits is of type", lambda x: public.assess(estimate, x), (3, settings)),
+        ("description is of type", public.Monitor, (3, settings)),
+        ("settings is of type", lambda x: public.Monitor(settings=x), (3, settings)),
+        ("history is of type", public.Unit, (3, estimate)),
+    ]
+    for expected, call, values in calls:
+        for wrong in values:
+            with pytest.raises(ValueError, match=expected):
+                call(wrong)
     with pytest.raises(ValueError, match="0 estimates and 1 hours: expected hours for each"):
         ema_monitor.track([], [1.0])
     with pytest.raises(ValueError, match="estimate is of type Window, expected Estimate"):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array, Flags
+from ema_core.expecting import value_or_default
 from ema_core.faults import (
     COMPONENTS,
     ECCENTRICITY_PHASE,
@@ -107,8 +108,8 @@ class Tracker(Kept):
         outliers: OutlierDetector | None = None,
         check: PredictionCheck | None = None,
     ) -> None:
-        self._limits = limits or HealthLimits()
-        self._settings = settings or TrackerSettings()
+        self._limits = value_or_default("limits", limits, HealthLimits, HealthLimits)
+        self._settings = value_or_default("settings", settings, TrackerSettings, TrackerSettings)
         self._mixture = Mixture(self._limits, self._settings, mechanisms)
         self._outliers = outliers or OutlierDetector(self._settings)
         self._check = check or PredictionCheck(self._settings)
@@ -121,6 +122,9 @@ class Tracker(Kept):
         self._fell_at, self._tests_since_fall = math.nan, 0
         self.updates = 0
         self.hours = math.nan
+
+    def __repr__(self) -> str:
+        return f"<Tracker: {self.updates} tests, latest at {self.hours:g} h>"
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update the tracker with a test.
