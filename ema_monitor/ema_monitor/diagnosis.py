@@ -255,7 +255,7 @@ class _Motion:
 
         Refused stretches count as well: the departure may be something the model cannot explain.
         """
-        parts = [part for *_, some in self.since.values() for part in some]
+        parts = [part for *_, figures in self.since.values() for part in figures]
         return _judged(estimate, parts, self.calibration, self.description)
 
 
@@ -330,8 +330,8 @@ class Diagnosis:
         motion = self._motion
         if motion is None:
             return []
-        made = [self._numbered(motion, estimate) for estimate in motion.combination.finish()]
-        return made + self._departed_without_estimate(motion)
+        results = [self._numbered(motion, estimate) for estimate in motion.combination.finish()]
+        return results + self._departed_without_estimate(motion)
 
     @property
     def tally(self) -> Tally:
@@ -377,8 +377,8 @@ class Diagnosis:
         motion = self._motion
         figures = _figures(window, calibration)
         motion.since[self._latest] = window.start_ns, window.end_ns, figures
-        for old in list(motion.since)[: -combining.most_stretches]:
-            del motion.since[old]
+        for number in list(motion.since)[: -combining.most_stretches]:
+            del motion.since[number]
         for step in motion.combination.add(window):
             yield self._numbered(motion, step) if isinstance(step, Estimate) else step
         yield from self._departed_without_estimate(motion)

@@ -440,8 +440,8 @@ def _assess_fault(
 ) -> FaultHealth:
     fault, value, sigma = FAULTS[number], estimate.faults[number], estimate.sigma[number]
     is_unknown = bool(estimate.unobservable[number])
-    alone = _level_alone(number, estimate, limits)
-    level, held = alone, math.nan
+    level_alone = _level_alone(number, estimate, limits)
+    level, held = level_alone, math.nan
     if tracked is not None:
         # If both find the fault healthy, all tests together are at least as certain as this test.
         both_healthy = value == fault.healthy and abs(tracked.value - value) < sigma
@@ -450,12 +450,12 @@ def _assess_fault(
         level = _level(fault.name, value - fault.healthy, sigma, limits)
         if level == OK and not tracked.is_recent:
             level = STALE
-        if tracked.doubtful and not is_unknown and {alone, level} & {WARN, ERROR}:
+        if tracked.doubtful and not is_unknown and {level_alone, level} & {WARN, ERROR}:
             level, held = ERROR if level == ERROR else WARN, float(estimate.faults[number])
-    way = math.copysign(limits.of(fault.name), value - fault.healthy)
-    ends = fault.healthy + way, fault.healthy + limits.warn_share * way
-    share = (value - fault.healthy) / way
-    return FaultHealth(fault.name, level, value, sigma, *ends, way < 0.0, share, held)
+    signed_limit = math.copysign(limits.of(fault.name), value - fault.healthy)
+    ends = fault.healthy + signed_limit, fault.healthy + limits.warn_share * signed_limit
+    share = (value - fault.healthy) / signed_limit
+    return FaultHealth(fault.name, level, value, sigma, *ends, signed_limit < 0.0, share, held)
 
 
 def _level_alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:

@@ -187,10 +187,11 @@ class Unit:
             else:
                 cycles = len(self.history.unused) + is_new
                 flown = self.history.unused_duty + flown
-                service, each = self.growth.service, self._settings.service.hours_per_cycle
-                findings = self._pending.ignored_usage(count, each)
+                service = self.growth.service
+                hours_per_cycle = self._settings.service.hours_per_cycle
+                findings = self._pending.ignored_usage(count, hours_per_cycle)
                 entry, missing = next_entry(
-                    estimate, service, each, cycles, count, flown, place.shift_ns
+                    estimate, service, hours_per_cycle, cycles, count, flown, place.shift_ns
                 )
                 findings += missing
                 before = self.history.newest
@@ -253,8 +254,8 @@ class Unit:
         self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty
     ) -> None:
         """Record a valid test that is older than the latest test."""
-        entries, each = self.history.entries, self._settings.service.hours_per_cycle
-        entry = late_entry(estimate, entries, each, count, flown)
+        entries, hours_per_cycle = self.history.entries, self._settings.service.hours_per_cycle
+        entry = late_entry(estimate, entries, hours_per_cycle, count, flown)
         entries_before = len(entries)
         self.history.append(entry)
         self._shown.add(estimate)
@@ -429,8 +430,8 @@ class Unit:
             Largest number of tests to return.
         """
         with self._lock:
-            both = [*self.history.entries, *self.history.late]
-            entries = sorted(both, key=lambda entry: entry.stamp_ns)
+            valid_tests = [*self.history.entries, *self.history.late]
+            entries = sorted(valid_tests, key=lambda entry: entry.stamp_ns)
             hours, assessments = self.growth.service.by_stamp(), self.history.assessments
             left_out = max(0, len(entries) - most)
             tests = [
@@ -539,10 +540,10 @@ class Unit:
         """Return the outlook from the valid tests."""
         if not self.history.entries:
             return unknown_outlook("no valid test so far")
-        wanted, requirements = self._settings.requirements, None
+        limits, requirements = self._settings.requirements, None
         if parameters is not None:
-            requirements = requirements_of(parameters, wanted)
-        elif wanted != RequirementLimits() or not self.history.entries[-1].estimate.is_of_record:
+            requirements = requirements_of(parameters, limits)
+        elif limits != RequirementLimits() or not self.history.entries[-1].estimate.is_of_record:
             requirements = WITHOUT_MODEL
         entries, shown = self.history.entries, self._shown.estimates
         from_ns = recent_from_ns(entries, self._settings.good_for_s)

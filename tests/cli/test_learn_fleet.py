@@ -82,7 +82,7 @@ def test_monitor_states_which_fleet_it_uses_and_refuses_an_invalid_fleet(
         session.describe()
         health = session.until(lambda: session.healths())[-1]
         assert health.assumption == (
-            "future use as in the past; growth prior from 2 others (line A)"
+            "future use as in the past; growth prior from 2 other units (line A)"
         )
         assert health.rul_faults.known
     (tmp_path / "none.npz").write_text("no fleet")
@@ -94,5 +94,5 @@ def test_monitor_states_which_fleet_it_uses_and_refuses_an_invalid_fleet(
 def test_prognosis_of_bags_states_which_fleet_it_uses(ema, fleet: Path):
     result = ema("predict", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
-    assumed = "assumption: future use as in the past; growth prior from 2 others (line A)"
+    assumed = "assumption: future use as in the past; growth prior from 2 other units (line A)"
     assert assumed in result.stdout

@@ -114,7 +114,7 @@ def test_file_restores_the_growth_and_contains_no_unit_name(tmp_path: Path):
     fleet.write(path)
     again = FleetGrowth.read(path)
     assert again.prior(LIMITS) == fleet.prior(LIMITS)
-    assert again.prior(LIMITS).in_words() == "growth prior from 2 others (line A)"
+    assert again.prior(LIMITS).in_words() == "growth prior from 2 other units (line A)"
     with np.load(path) as file:
         texts = [str(value) for value in (*file["units"], *file["names"], file["grid"])]
     assert not any("flap" in text for text in texts)
@@ -186,7 +186,7 @@ def test_outlook_states_its_fleet_and_a_restart_continues_with_it(tmp_path: Path
     first, second = opened(settings), opened(settings)
     outlook = second.resume(None, settings)
     assert outlook is not None
-    assert outlook.assumption.endswith("; growth prior from 8 others (line A)")
+    assert outlook.assumption.endswith("; growth prior from 8 other units (line A)")
     assert second.growth.kept_tests == KEPT_EVERY
     again = first.resume(None, settings)
     assert again is not None

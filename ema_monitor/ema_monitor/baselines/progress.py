@@ -89,8 +89,8 @@ def progress_of(
         return Progress(records, days, records_needed, reason=reason)
     comparer = calibration.comparer
     lead = calibration.parameters.lead
-    way = lead / (2.0 * math.pi) if lead else 1.0
-    speeds = [way * record.usual_speed for record in calibration.baseline.records]
+    travel_per_radian = lead / (2.0 * math.pi) if lead else 1.0
+    speeds = [travel_per_radian * record.usual_speed for record in calibration.baseline.records]
     return Progress(
         records,
         days,
@@ -132,7 +132,7 @@ def refusal_of(calibration: JointCalibration, *, accepts_outliers: bool = False)
         return "; ".join(map(str, calibration.outliers))
     if rise := friction_rise(calibration.baseline):
         return (
-            f"friction rises by {100.0 * rise:.0f} % over the records, as of a joint that wears: "
+            f"friction rises by {100.0 * rise:.0f} % over the records, as in a joint that wears: "
             "reset the baseline after a repair, or confirm that the joint was healthy"
         )
     return ""

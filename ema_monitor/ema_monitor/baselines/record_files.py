@@ -81,10 +81,10 @@ class RecordFiles:
 
     def remove(self, records: Sequence[StoredRecord]) -> None:
         """Delete the files of records."""
-        gone = set(records)
-        for record in gone:
+        removed = set(records)
+        for record in removed:
             record.path.unlink(missing_ok=True)
-        self.stored = [record for record in self.stored if record not in gone]
+        self.stored = [record for record in self.stored if record not in removed]
 
     def read(self, records: Sequence[StoredRecord]) -> list[Window]:
         """Return the windows of records; damaged files are deleted and left out.

@@ -98,7 +98,7 @@ class Information:
             variance = np.diag(covariance).copy()
             # Variance of the eccentricity along its direction; the direction is not a fault.
             phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
-            along = np.array([np.cos(phi), np.sin(phi)])
-            variance[PLANE] = along @ covariance[np.ix_(PLANE, PLANE)] @ along, 0.0
+            direction = np.array([np.cos(phi), np.sin(phi)])
+            variance[PLANE] = direction @ covariance[np.ix_(PLANE, PLANE)] @ direction, 0.0
             rows.append(np.where(present(faults), variance, 0.0))
         return np.sqrt(np.max(rows, axis=0))

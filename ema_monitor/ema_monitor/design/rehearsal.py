@@ -196,8 +196,11 @@ class Rehearsed(NamedTuple):
 
     def _fault(self, name: str) -> FaultProspect:
         i, single = FAULT_NAMES.index(name), self.singles[name]
-        having = [single, *(prospect for prospect in self.combined if present(prospect.faults)[i])]
-        having = [prospect for prospect in having if single.shown[i] and prospect.shown[i]]
+        affected = [
+            single,
+            *(prospect for prospect in self.combined if present(prospect.faults)[i]),
+        ]
+        affected = [prospect for prospect in affected if single.shown[i] and prospect.shown[i]]
         confused: set[Part] = set()
         for estimate in single.estimates:
             confused |= confused_with(estimate, name)
@@ -208,8 +211,8 @@ class Rehearsed(NamedTuple):
         return FaultProspect(
             name,
             bool(single.shown[i]),
-            max((float(prospect.sigma[i]) for prospect in having), default=math.nan),
-            max((prospect.error(i) for prospect in having), default=math.nan),
+            max((float(prospect.sigma[i]) for prospect in affected), default=math.nan),
+            max((prospect.error(i) for prospect in affected), default=math.nan),
             float(SIGNIFICANT_SIGMAS[i] * self.healthy.sigma[i]),
             fewest(confused),
         )
@@ -255,8 +258,10 @@ def _either_order(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[
 
 def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
     """Return the parts, sorted, except combinations whose names all occur as single parts."""
-    alone = {part[0] for part in parts if len(part) == 1}
-    return tuple(sorted(part for part in parts if len(part) == 1 or not alone.issuperset(part)))
+    single_names = {part[0] for part in parts if len(part) == 1}
+    return tuple(
+        sorted(part for part in parts if len(part) == 1 or not single_names.issuperset(part))
+    )
 
 
 def claimed(estimate: Estimate) -> list[int]:

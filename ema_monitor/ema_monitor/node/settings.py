@@ -117,7 +117,7 @@ class Operation(Checked):
         "records with which a learned baseline is accepted; 0: a person accepts it",
     )
     accept_days: int = quantity(
-        1, "-", 1, 30, "days of these records, before which a baseline is not accepted by itself"
+        1, "-", 1, 30, "smallest number of days of these records for automatic acceptance"
     )
 
     has_clock: bool = flag(

@@ -135,9 +135,9 @@ class FleetGrowth:
             "tests": np.array([self.units[digest].tests for digest in digests], dtype=np.int64),
         }
         for kind in sorted({fault.kind for _, fault in faults}):
-            of_it = [(number, fault) for number, fault in faults if fault.kind == kind]
-            arrays[f"unit_of.{kind}"] = np.array([number for number, _ in of_it], dtype=np.int64)
-            arrays[f"growth.{kind}"] = np.stack([fault.log_likelihood for _, fault in of_it])
+            of_kind = [(number, fault) for number, fault in faults if fault.kind == kind]
+            arrays[f"unit_of.{kind}"] = np.array([number for number, _ in of_kind], dtype=np.int64)
+            arrays[f"growth.{kind}"] = np.stack([fault.log_likelihood for _, fault in of_kind])
         with complete_file(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
 
@@ -184,8 +184,10 @@ class FleetGrowth:
             for number, log_likelihood in zip(arrays[f"unit_of.{kind}"], log, strict=True):
                 faults[number].append(GrownFault(kind, log_likelihood))
         units = {
-            str(digest): UnitGrowth(int(tests), tuple(of_it))
-            for digest, tests, of_it in zip(arrays["units"], arrays["tests"], faults, strict=True)
+            str(digest): UnitGrowth(int(tests), tuple(unit_faults))
+            for digest, tests, unit_faults in zip(
+                arrays["units"], arrays["tests"], faults, strict=True
+            )
         }
         names = frozenset(str(name) for name in arrays["names"])
         return cls(str(arrays["grid"]), units, names)

@@ -281,14 +281,14 @@ def curve_to_message(
     """Return the friction curve of a record as a message, in the recorded units."""
     unit, scale = calibration.effort_shown
     lead = calibration.parameters.lead
-    way = lead / (2.0 * math.pi) if lead else 1.0
+    travel_per_radian = lead / (2.0 * math.pi) if lead else 1.0
     efforts = {name: scale * getattr(curve, name) for name in curve._fields[1:]}
     return _filled_message(
         FrictionCurveMessage,
         diagnosed.description,
         stamp_ns=diagnosed.estimate.end_ns,
         unit=unit,
-        speed=way * curve.speed,
+        speed=travel_per_radian * curve.speed,
         **efforts,
     )
 

@@ -187,8 +187,8 @@ class ShownHealth:
         self._assessed, self.outlook = description, self.worth(outlook, now)
         level, change = self.outlook.health.level, ""
         if level not in (STALE, before):
-            what = f": {outlook.dominant}" if outlook.dominant else ""
-            change = f"health {LEVEL_NAMES[before]} -> {LEVEL_NAMES[level]}{what}"
+            dominant = f": {outlook.dominant}" if outlook.dominant else ""
+            change = f"health {LEVEL_NAMES[before]} -> {LEVEL_NAMES[level]}{dominant}"
         self._publish_as_is()
         return change
 

@@ -49,7 +49,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     dropped windows of this actuator.
     """
     health, life = unit.health.outlook.health, unit.health.outlook.rul
-    figures = {
+    values = {
         "health index": health.health_index,
         "confidence": health.confidence,
         "flight hours [h]": unit.health.outlook.hours,
@@ -59,9 +59,9 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     }
     faults = _shown_by(unit.description, health.faults)
     rated = (*faults, *health.requirements)
-    figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
+    values |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
     if unit.health.comparison is not None:
-        figures |= _figures_of(unit.health.comparison)
+        values |= _figures_of(unit.health.comparison)
     level, last_level = health.level, unit.health.outlook.known_level
     is_stale = level == STALE
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
@@ -83,7 +83,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
             level,
             summary,
             unit.hardware_id,
-            figures,
+            values,
             _category(level, worst[-1] if worst else FAILURE, is_stale),
         ),
         *(_item_task(unit, item, end) for item, end in items),
@@ -101,13 +101,13 @@ def _shown_by(
 
 def _figures_of(comparison: Comparison) -> dict[str, float]:
     """Return the change and the smallest detectable change of each quantity, by status key."""
-    figures: dict[str, float] = {}
+    values: dict[str, float] = {}
     for quantity in comparison.quantities:
         scale, unit = (100.0, "%") if quantity.unit == "-" else (1.0, quantity.unit)
         name = quantity.name.replace("_", " ")
-        figures[f"{name} change [{unit}]"] = scale * quantity.change
-        figures[f"{name} smallest change [{unit}]"] = scale * quantity.smallest_change
-    return figures
+        values[f"{name} change [{unit}]"] = scale * quantity.change
+        values[f"{name} smallest change [{unit}]"] = scale * quantity.smallest_change
+    return values
 
 
 def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
@@ -166,21 +166,21 @@ def _item_task(unit: ActuatorStatus, item: FaultHealth, end: str) -> Task:
     is_known = is_finite_number(item.value)
     is_stale = not is_known or unit.health.outlook.health.level == STALE
     level = STALE if is_stale else item.level
-    of = _unit(item, " {}")
+    unit_suffix = _unit(item, " {}")
     message = "not known"
     if is_known:
         value, limit = beside_limit(item.value, item.limit, 4)
-        warning = f"warning limit {item.warn_limit:.4g}{of}, " if level == WARN else ""
-        message = f"{value}{of}, {warning}limit {limit}{of}"
+        warning = f"warning limit {item.warn_limit:.4g}{unit_suffix}, " if level == WARN else ""
+        message = f"{value}{unit_suffix}, {warning}limit {limit}{unit_suffix}"
     if is_finite_number(item.held):
-        message = f"{item.held:.4g}{of} in the latest test, before {message}"
+        message = f"{item.held:.4g}{unit_suffix} in the latest test, before {message}"
     elif level != STALE and item.unconfirmed is not None:
         message += f"; {LEVEL_NAMES[item.unconfirmed]} once later tests confirm it"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
     in_unit = _unit(item, " [{}]")
-    figures = {f"{key}{in_unit}": getattr(item, key) for key in ("value", "sigma", "limit")}
+    values = {f"{key}{in_unit}": getattr(item, key) for key in ("value", "sigma", "limit")}
     category = _category(level, end, level == STALE)
-    return Task(name, level, message, unit.hardware_id, figures, category)
+    return Task(name, level, message, unit.hardware_id, values, category)
 
 
 def _unit(item: FaultHealth, form: str) -> str:

@@ -199,22 +199,22 @@ class CalibrationCalls:
         work = self._worker.of(unit.actuator_id)
         with work.next_windows() as windows:
             _report(goal, 0, number)
-            for made in range(number):
+            for received in range(number):
                 deadline_s = time.monotonic() + timeout_s
                 refused = ""
                 while segment := self._goals.next_window(windows, deadline_s, goal):
                     if isinstance(segment.window, Window):
-                        _report(goal, made + 1, number)
+                        _report(goal, received + 1, number)
                         yield segment.window
                         break
                     refused = segment.window.reason
-                    _report(goal, made, number, refused)
+                    _report(goal, received, number, refused)
                 else:
                     if goal and goal.is_cancel_requested:
                         raise ValueError(_CANCELLED)
                     latest = f"; the latest was refused: {refused}" if refused else ""
                     raise ValueError(
-                        f"no healthy window within {timeout_s:g} s, after {made} of "
+                        f"no healthy window within {timeout_s:g} s, after {received} of "
                         f"{number}{latest}"
                     )
 

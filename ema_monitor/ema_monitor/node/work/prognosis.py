@@ -98,9 +98,9 @@ class Prognosis:
         return (
             f"the test of {stamp:%Y-%m-%d %H:%M:%S} UTC is not recorded: its stamp is "
             f"{_span(abs(offset_s))} {'after' if offset_s > 0.0 else 'before'} the clock of the "
-            f"monitor, at most {_span(limit_s)} are allowed; set use_sim_time for a replay, or "
-            "else the clock of the actuator, history_max_offset_s, or has_clock = false if the "
-            "actuator has no clock"
+            f"monitor, at most {_span(limit_s)} are allowed; for a replay, set use_sim_time; "
+            "otherwise set the clock of the actuator, increase history_max_offset_s, or set "
+            "has_clock = false if the actuator has no clock"
         )
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:

@@ -121,8 +121,8 @@ class IdentificationWorker:
         except QueueClosedError:
             return False
         for displaced in dropped:
-            what = "stretch" if displaced.is_stretch else "window"
-            text = f"{what} {displaced.number} is dropped, {len(self.queue)} queued"
+            kind = "stretch" if displaced.is_stretch else "window"
+            text = f"{kind} {displaced.number} is dropped, {len(self.queue)} queued"
             self._log.warn(displaced.description.actuator_id, text)
         return True
 

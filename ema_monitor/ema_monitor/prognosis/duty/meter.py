@@ -43,13 +43,13 @@ def count_travel(
         load = min(abs(current[i]) / limit, _MOST_LOAD) if current.size else 1.0
         if not np.isfinite(position[i]) or np.isnan(load):
             continue
-        way = abs(position[i] - last)
-        if way >= RESOLUTION:
+        distance = abs(position[i] - last)
+        if distance >= RESOLUTION:
             number = min(int(load * amount.size), amount.size - 1)
-            amount[number] += way
-            moment[number] += way * load
+            amount[number] += distance
+            moment[number] += distance * load
             last = position[i]
-        elif not way < RESOLUTION:
+        elif not distance < RESOLUTION:
             last = position[i]
     return last
 

@@ -77,12 +77,12 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     """
     bank, cells = mixture.bank, mixture.bank.cells
     chosen = np.empty((len(mixture.members), n), dtype=np.intp)
-    for number, of_it in enumerate(mixture.members):
+    for number, members in enumerate(mixture.members):
         # Systematic sampling reproduces the probabilities to within one sample.
-        at = np.cumsum(mixture.weight[of_it])
+        at = np.cumsum(mixture.weight[members])
         points = (rng.random() + np.arange(n)) / n * at[-1]
         chosen[number] = rng.permutation(
-            of_it[np.minimum(np.searchsorted(at, points), at.size - 1)]
+            members[np.minimum(np.searchsorted(at, points), at.size - 1)]
         )
     is_wave = chosen >= bank.mean.size
     number, filters = np.nonzero(is_wave)[0], chosen[is_wave] - bank.mean.size

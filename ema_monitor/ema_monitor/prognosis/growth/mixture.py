@@ -109,10 +109,10 @@ class Mixture(Kept):
         before, at = self._of_kinds(self.weight), self._forgets
         # Discount wandering rates and waves only; evidence for a permanent law accumulates.
         self.weight[at] = _tempered(self.weight[at], self._prior[at], power[self.component[at]])
-        wanted = before.copy()
-        wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
-        wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), LEAST_PROBABILITY)
-        factor = wanted / np.maximum(self._of_kinds(self.weight), LEAST_PROBABILITY)
+        target = before.copy()
+        target[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
+        target[1:] *= before[1:].sum(axis=0) / np.maximum(target[1:].sum(axis=0), LEAST_PROBABILITY)
+        factor = target / np.maximum(self._of_kinds(self.weight), LEAST_PROBABILITY)
         self.weight *= factor.ravel()[self._kind]
 
     def measure(self, test: Measurement, used: Flags) -> Array:
@@ -124,8 +124,8 @@ class Mixture(Kept):
         self._forget(used)
         self.bank.change(self._split(self.weight)[0])
         near = used & test.near_healthy
-        seen = test, used & ~near, near
-        updates = self.bank.measure(*seen), self.waves.measure(*seen)
+        selection = test, used & ~near, near
+        updates = self.bank.measure(*selection), self.waves.measure(*selection)
         log_p, below = (
             np.concatenate([cells, waves.ravel()]) for cells, waves in zip(*updates, strict=True)
         )

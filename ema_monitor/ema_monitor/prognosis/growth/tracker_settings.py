@@ -13,7 +13,7 @@ from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, KINDS, TYPICAL, kind_of, settings_by_kind
 from ema_core.growth_laws import GROWING_LAWS, hours_until
 from ema_core.quantity import Checked, quantity, text
-from ema_core.wording import unknown_name
+from ema_core.wording import counted, unknown_name
 from ema_monitor.health import HealthLimits
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
@@ -170,11 +170,11 @@ def known_law(fault: str, written: str) -> KnownLaw:
     """
     if fault not in COMPONENTS:
         raise ValueError(unknown_name("fault", fault, COMPONENTS))
-    law, *figures = written.split(":")
+    law, *numbers = written.split(":")
     if law not in GROWING_LAWS:
         raise ValueError(unknown_name(f"law of {fault}", law, GROWING_LAWS))
     nominal = NOMINAL_LAWS[fault]
-    if not figures:
+    if not numbers:
         if law != nominal.law:
             raise ValueError(
                 f"{written!r}: a default rate of {fault} exists for law {nominal.law} only; "
@@ -182,11 +182,11 @@ def known_law(fault: str, written: str) -> KnownLaw:
             )
         return nominal
     try:
-        if len(figures) > 2:
-            raise ValueError(f"{len(figures)} figures: expected at most two")
-        rate, *second = [float(figure) for figure in figures]
+        if len(numbers) > 2:
+            raise ValueError(f"{len(numbers)} parameters: expected at most two")
+        rate, *second = [float(number) for number in numbers]
         if not second and law != "linear":
-            raise ValueError(f"law {law} needs a second figure")
+            raise ValueError(f"law {law} needs a second parameter")
         prior = KnownLaw.of(law, rate, second[0] if second else 0.0)
         limit = HealthLimits().of(fault)
         hours = float(hours_until(law, 0.0, rate, prior.shape, limit))
@@ -201,8 +201,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
 
 
 def _law_of(kind: str) -> Any:
-    of = " of each phase" if len(KINDS[kind]) > 1 else ""
-    return text("", f"growth law{of}, {FORM}; empty: unknown")
+    suffix = " of each phase" if len(KINDS[kind]) > 1 else ""
+    return text("", f"growth law{suffix}, {FORM}; empty: unknown")
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ class FleetPrior:
 
     def in_words(self) -> str:
         """Return a phrase that describes the origin of the prior."""
-        origin = f"{self.units} other{'' if self.units == 1 else 's'}"
+        origin = counted(self.units, "other unit")
         return f"growth prior from {origin}" + (f" ({self.names})" if self.names else "")
 
 

@@ -177,20 +177,20 @@ class Waves(Kept):
         return log_likelihood, below
 
     def drawn(
-        self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
+        self, number: NDArray[np.intp], filters: NDArray[np.intp], rng: np.random.Generator
     ) -> "WaveDraw":
         """Return a random sample for each pair of component and filter index, ``(m,)`` each."""
-        pairs, which = np.unique(number * self.omega.size + of_it, return_inverse=True)
+        pairs, which = np.unique(number * self.omega.size + filters, return_inverse=True)
         covariance = self.covariance.reshape(-1, 4, 4)[pairs]
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         normal = rng.standard_normal((number.size, 4))
-        state = self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
+        state = self.mean[number, filters] + np.einsum("mij,mj->mi", root[which], normal)
         spread = np.exp(RATE_SPREAD * rng.standard_normal(number.size))
-        state[:, 1] *= np.where(self.grows[of_it], spread, 0.0)
+        state[:, 1] *= np.where(self.grows[filters], spread, 0.0)
         # Only two-sided components can grow in the negative direction.
         side = np.where(self.two_sided[number] & (state[:, 1] < 0.0), -1.0, 1.0)
-        return WaveDraw(state, self.omega[of_it], side / self._limit[number])
+        return WaveDraw(state, self.omega[filters], side / self._limit[number])
 
 
 @dataclass(frozen=True, eq=False)

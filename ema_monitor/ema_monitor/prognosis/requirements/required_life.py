@@ -222,18 +222,18 @@ def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> 
     n, t, _ = paths.shape
     nodes = np.unique(np.linspace(0, t - 1, NODES).round().astype(np.intp))
     faults_at_nodes = paths[:, nodes].reshape(-1, N_FAULTS)
-    some = np.linspace(0, n - 1, FIRST).round().astype(np.intp)
-    faults = np.concatenate([np.median(paths[:, nodes], axis=0), *paths[some][:, nodes]])
+    chosen = np.linspace(0, n - 1, FIRST).round().astype(np.intp)
+    faults = np.concatenate([np.median(paths[:, nodes], axis=0), *paths[chosen][:, nodes]])
     exact = requirements.exact_reserves((name,), faults)[:, 0]
     for wants_more in (True, False):
         surrogate = Surrogate(faults, np.clip(exact, *SEEN))
         coarse = surrogate.at(faults_at_nodes).reshape(n, -1)
         crossing = _first_crossing(surrogate.at, coarse, nodes, paths)
-        wanted = _doubtful(crossing, coarse, nodes, paths)
-        if not wants_more or not len(wanted):
+        doubtful = _doubtful(crossing, coarse, nodes, paths)
+        if not wants_more or not len(doubtful):
             return crossing
-        faults = np.concatenate([faults, wanted])
-        exact = np.append(exact, requirements.exact_reserves((name,), wanted)[:, 0])
+        faults = np.concatenate([faults, doubtful])
+        exact = np.append(exact, requirements.exact_reserves((name,), doubtful)[:, 0])
     return crossing
 
 

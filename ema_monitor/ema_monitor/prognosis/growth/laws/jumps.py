@@ -44,10 +44,14 @@ class Jumps(Law):
         x = np.clip(_paired(of.side * levels.mean)[1], 0.0, 1.0)
         figures = Figures(*(_paired(column)[1] for column in of))
         count = self._count(x, figures, _paired(hours)[1])
-        some = -np.expm1(-count)
-        weight[:] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
+        jump_probability = -np.expm1(-count)
+        weight[:] = np.maximum(
+            total * np.stack([1.0 - jump_probability, jump_probability]), LEAST_PROBABILITY
+        )
         # Moments of the sum of at least one exponential jump.
-        grown = jump * np.divide(count, some, out=np.ones_like(count), where=some > 0.0)
+        grown = jump * np.divide(
+            count, jump_probability, out=np.ones_like(count), where=jump_probability > 0.0
+        )
         mean[1] += side * grown
         variance[1] += grown * (2.0 * jump + jump * count - grown)
 
