@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The minimum of a bounded least-squares problem, proved without a solver."""
+"""The minimum of a bounded least-squares problem, verified without a solver."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 def bounded_minimum(
     matrix: NDArray[np.float64], right: NDArray[np.float64], point: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the minimum in the unit box; its walls are those of the point.
+    """Return the minimum in the unit box, assuming that it touches the same bounds as ``point``.
 
-    The problem is convex: a point where the gradient is zero off the walls, and points outward at
-    them, is the minimum. An AssertionError says that the point is at other walls than the minimum.
+    The problem is convex: a point is the minimum if the gradient vanishes for components off the
+    bounds and points outward at the bounds. Otherwise an AssertionError is raised.
     """
     free = (point > 0.0) & (point < 1.0)
     best = point.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hand-made comparisons of a record with its baseline, and the estimates that hold them."""
+"""Synthetic comparisons of a record with its baseline, and estimates that contain them."""
 
 import math
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ _SMALLEST = {name: 0.06 if name == FRICTION else 0.1 for name in QUANTITIES}
 
 
 def unchanged(name: str, smallest: float = math.nan) -> QuantityChange:
-    """A quantity that does not differ from healthy."""
+    """Return a quantity that does not differ from healthy."""
     smallest = _SMALLEST[name] if math.isnan(smallest) else smallest
     unit = "N.m" if name == LOAD else "-"
     judgement = Judgement.UNCHANGED
@@ -42,7 +42,7 @@ def unchanged(name: str, smallest: float = math.nan) -> QuantityChange:
 def changed(
     name: str, change: float, half_width: float = 0.04, rivals: tuple[str, ...] = ()
 ) -> QuantityChange:
-    """A quantity that differs from healthy."""
+    """Return a quantity that differs from healthy."""
     unit = "N.m" if name == LOAD else "-"
     low, high = change - half_width, change + half_width
     return QuantityChange(
@@ -51,13 +51,13 @@ def changed(
 
 
 def not_judged(name: str, reason: str) -> QuantityChange:
-    """A quantity about which the record says nothing."""
+    """Return a quantity that the record does not show."""
     unit = "N.m" if name == LOAD else "-"
     return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reason=reason)
 
 
 def rival(name: str, of: str, change: float) -> QuantityChange:
-    """A quantity that would explain the record as well as the changed one."""
+    """Return a quantity that would explain the record as well as the changed one."""
     reason = f"this motion cannot distinguish it from {QUANTITIES[of].label}"
     low, high = change - 0.04, change + 0.04
     return QuantityChange(
@@ -66,7 +66,7 @@ def rival(name: str, of: str, change: float) -> QuantityChange:
 
 
 def comparison(*special: QuantityChange, **more: Any) -> Comparison:
-    """A comparison that judges all but play and tracking lag, with these quantities."""
+    """Return a comparison that judges everything but play and tracking lag, with ``special``."""
     by_name = {one.name: one for one in special}
     quantities = tuple(
         by_name.get(name)
@@ -96,7 +96,7 @@ CASES: Mapping[str, Comparison] = {
 
 
 def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
-    """The estimate of a record with this comparison."""
+    """Return the estimate of a record with this comparison."""
     faults, covariance = np.full(N_FAULTS, math.nan), np.full((N_FAULTS, N_FAULTS), math.nan)
     unobservable = np.ones(N_FAULTS, dtype=bool)
     for number, name in enumerate(FAULT_NAMES[:2]):

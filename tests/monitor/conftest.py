@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telemetry of simulated actuators, a calibration and estimates that the tests share."""
+"""Fixtures: telemetry of simulated actuators, a calibration and estimates."""
 
 from collections.abc import Callable, Mapping
 
@@ -35,7 +35,7 @@ def cycle(description) -> Cycle:
 
 @pytest.fixture(scope="session")
 def windows_of(cycle) -> Callable[..., list[Window]]:
-    """Windows of an actuator with faults, one of each test cycle; each run is made once."""
+    """Return a function that simulates faults, one window per test cycle, with cached runs."""
 
     @once
     def windows_of(faults: Mapping[str, float], cycles: int = 1) -> list[Window]:
@@ -51,10 +51,11 @@ def windows_of(cycle) -> Callable[..., list[Window]]:
 
 @pytest.fixture(scope="session")
 def stirred_window(cycle) -> Callable[..., Window]:
-    """Window after a tremble of the command, which makes the PWM take another course each time.
+    """Return a function that simulates a window after a random tremble of the command.
 
-    From rest and without noise the simulation repeats itself to the last bit. The tremble of some
-    10 urad is beyond what the trigger takes for rest, and over before the test cycle approaches.
+    The tremble changes the course of the PWM. From rest and without noise, the simulation is
+    bit-identical each time. The tremble of about 10 urad exceeds what the trigger accepts as rest,
+    and ends before the test cycle approaches.
     """
     nominal = ActuatorParameters()
 
@@ -80,7 +81,7 @@ def healthy_windows(windows_of) -> list[Window]:
 
 @pytest.fixture(scope="session")
 def unseen_window(windows_of) -> Window:
-    """A healthy window that the calibration has not seen."""
+    """Return a healthy window that the calibration does not include."""
     return windows_of({}, 6)[5]
 
 
@@ -91,7 +92,7 @@ def calibration(healthy_windows, description) -> Calibration:
 
 @pytest.fixture(scope="session")
 def estimates(windows_of, unseen_window, calibration, description) -> Callable[[str], Estimate]:
-    """Estimate of a reference case by the default algorithm; each is made once."""
+    """Return a function that estimates a reference case with the default algorithm, cached."""
     from .reference_cases import CASES
 
     @once
@@ -104,7 +105,7 @@ def estimates(windows_of, unseen_window, calibration, description) -> Callable[[
 
 @pytest.fixture(scope="session")
 def stirred_estimates(stirred_window, calibration, description) -> Callable[[str], Estimate]:
-    """Estimate of a reference case under another course of the PWM; each is made once."""
+    """Return a function that estimates a reference case after a tremble of the command, cached."""
     from .reference_cases import CASES
 
     @once
@@ -116,7 +117,7 @@ def stirred_estimates(stirred_window, calibration, description) -> Callable[[str
 
 @pytest.fixture
 def counted(monkeypatch) -> list[int]:
-    """How many windows the model has computed, call by call."""
+    """Return a list that receives the number of windows in each call of the model."""
     counts = []
     respond = MonitorModel.respond
 

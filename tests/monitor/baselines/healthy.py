@@ -20,9 +20,9 @@ def record(
     offset: float = 0.0,
     description: ActuatorDescription = JOINT,
 ) -> Window:
-    """Return 30 s of motion, a minute after the record before.
+    """Return 30 s of motion, a minute after the previous record.
 
-    Friction scatters by 1 %, as a healthy joint's does.
+    Friction scatters by 1 %, as for a healthy joint.
     """
     rng = np.random.default_rng(number)
     period = description.sample_period

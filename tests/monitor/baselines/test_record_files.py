@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Healthy records survive storage, and surplus records leave every day represented."""
+"""Healthy records survive storage, and thinned records keep samples of every day."""
 
 from collections import Counter
 from dataclasses import replace
@@ -16,7 +16,7 @@ from .healthy import START_NS, record
 
 
 def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Path):
-    """After 1,600 turns a float32 angle is off by 0.6 mrad; an encoder resolves 0.1 mrad."""
+    """After 1,600 turns, a float32 angle is off by 0.6 mrad; an encoder resolves 0.1 mrad."""
     window = record(0, offset=1e4)
     telemetry = window.telemetry
     lost = np.zeros(len(telemetry), dtype=bool)
@@ -106,7 +106,7 @@ def test_few_records_are_thinned_to_the_earliest(most: int):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_damage_of_a_record_raises_an_error(tmp_path: Path, seed: int):
-    """The decoder raises errors of several types, depending on what is damaged."""
+    """The decoder raises errors of several types, depending on the damage."""
     files = RecordFiles(tmp_path)
     stored = files.add(record(0))
     assert stored is not None

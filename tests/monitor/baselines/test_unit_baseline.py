@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Baseline of a unit: learning, acceptance, extension, reset, and kills within them."""
+"""Baseline of a unit: learning, acceptance, extension, reset, and kills during these."""
 
 import json
 import subprocess
@@ -52,7 +52,8 @@ def test_baseline_is_learned_accepted_and_found_by_the_calibration_pattern(tmp_p
         progress = baseline.progress(10)
         assert (progress.records, progress.days, progress.records_needed) == (6, 2, 10)
         assert progress.reason == ""
-        # Friction scatters by 1 %: a few per cent show on the same day, more on another day.
+        # Friction scatters by 1 %: a few per cent are detectable on the same day, more on another
+        # day.
         assert 0.02 < progress.detectable_same_day < progress.detectable_other_day < 0.4
         assert progress.forward_share == pytest.approx(0.5, abs=0.05)
         assert 0.5 < progress.slowest <= progress.fastest < 1.5
@@ -175,7 +176,7 @@ def test_one_process_holds_a_baseline_and_its_kill_releases_it(tmp_path: Path):
 
 
 class Killed(BaseException):
-    """Stands for a kill at a place."""
+    """Raised in place of a kill at a chosen step."""
 
 
 def kill(*_: object) -> None:
@@ -186,7 +187,7 @@ def kill(*_: object) -> None:
 def test_kill_within_an_acceptance_leaves_all_or_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_written: bool
 ):
-    """The history is written before the change takes effect, which opening completes."""
+    """The history is written before the change takes effect, and opening completes the change."""
     baseline = learned(tmp_path, 4)
     place = "UnitBaseline._complete" if is_written else "append_change"
     with monkeypatch.context() as patch:

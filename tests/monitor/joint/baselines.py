@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Baselines and records made by hand from coefficients, without telemetry."""
+"""Synthetic baselines and records from coefficients, without telemetry."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,17 +24,17 @@ HEALTHY: Values = np.array([1.0, 0.12, 0.25, 0.1, 1.0])
 """Dry friction and gravity relative to the shape, inertia, viscous friction and load."""
 
 ERRORS: Values = np.array([0.006, 0.0008, 0.004, 0.004, 0.01])
-"""Standard deviations of the errors of a record; those of friction are correlated."""
+"""Standard deviations of the errors of a record; the two friction errors are correlated."""
 
 SCATTER = 0.01
-"""Standard deviation of each coefficient between days, relative; half of it between records."""
+"""Relative standard deviation of each coefficient between days; half of it between records."""
 
 SEPARATE = 100
 """Day of a test, long after the healthy records."""
 
 
 def covariance(scale: float = 1.0) -> NDArray[np.float64]:
-    """Return the covariance of the error of a record: Coulomb and viscous friction are alike."""
+    """Return the covariance of the errors of a record, correlated for the friction coefficients."""
     correlation = np.eye(5)
     correlation[DRY, VISCOUS] = correlation[VISCOUS, DRY] = -0.8
     return scale**2 * correlation * np.outer(ERRORS, ERRORS)
@@ -55,7 +55,7 @@ def record_of(
 
 
 def drawn_effects(rng: np.random.Generator, scatter: float) -> Values:
-    """Return factors and the load of a day or record."""
+    """Return the factors and the load of a day or a record."""
     effects = scatter * rng.standard_normal(5)
     effects[LOAD] *= 0.5
     return effects
@@ -88,7 +88,7 @@ def baseline_of(
     scatter: float = SCATTER,
     records: Sequence[Mapping[str, Any]] = (),
 ) -> Baseline:
-    """Return a baseline of drawn records; ``records`` has what else each of them shows."""
+    """Return a baseline of drawn records; ``records`` has additional attributes of each record."""
     rng = np.random.default_rng(seed)
     found = []
     for day in range(days):
@@ -111,7 +111,7 @@ def changed(
     gravity: float = 1.0,
     torque: float = 1.0,
 ) -> Values:
-    """Return coefficients after changes: factors, and viscous friction and load in addition.
+    """Return coefficients after changes: factors, and additional viscous friction and load.
 
     ``viscous`` is a share of all friction at the usual speed.
     """

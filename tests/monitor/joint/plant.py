@@ -69,7 +69,7 @@ class Joint:
     wind_up: float = 0.0
 
     def effort(self, motion: Motion) -> Column:
-        """Return the effort [A]."""
+        """Return the effort [A], ``(n,)``."""
         h = motion.time[1] - motion.time[0]
         jerk = np.gradient(motion.a, h)
         of_resonance = (2.0 * np.pi * self.resonance_hz) ** -2.0
@@ -87,7 +87,7 @@ class Joint:
         return torque / self.torque
 
     def times(self, **factors: float) -> "Joint":
-        """Return the joint with some of its figures multiplied."""
+        """Return the joint with some of its parameters multiplied."""
         return replace(self, **{name: getattr(self, name) * by for name, by in factors.items()})
 
 
@@ -127,7 +127,7 @@ EXACT = Sensors(noise=0.0)
 def tones(
     duration_s: float = 40.0, h: float = H, *, speed: float = 1.0, size: float = 1.0
 ) -> Motion:
-    """Return motion in two tones, at many speeds and accelerations, to and fro.
+    """Return motion in two tones, back and forth at many speeds and accelerations.
 
     ``speed`` multiplies the frequencies, ``size`` the amplitudes.
     """
@@ -155,7 +155,7 @@ def ramps(duration_s: float = 40.0, h: float = H, *, speed: float = 0.5) -> Moti
 
 
 def places(duration_s: float = 40.0, h: float = H, *, seed: int = 0) -> Motion:
-    """Return strokes of 0.5 to 1 s between random places, of least jerk, with a rest of 0.2 s."""
+    """Return strokes of 0.5 to 1 s to random positions, with minimum jerk and rests of 0.2 s."""
     rng = np.random.default_rng(seed)
     t = _times(duration_s, h)
     q, v, a = np.zeros((3, len(t)))
@@ -204,7 +204,7 @@ def telemetry_of(
 def described(
     sensors: Sensors | None = None, h: float = H, *, lead: float = 0.0, k_t: float = 1.0
 ) -> ActuatorDescription:
-    """Return the description of a joint, whose motor and user shaft are one."""
+    """Return the description of a joint, whose motor and user shaft are identical."""
     sensors = sensors or Sensors()
     return ActuatorDescription(
         actuator_id="joint",
@@ -212,7 +212,7 @@ def described(
         sample_period=h,
         parameters=ActuatorParameters(tau=1.0, k_t=k_t, lead=lead),
         drive="unknown",
-        # The current at the end of a sample: no lag is known of it.
+        # The current at the end of a sample, so that no lag is known.
         acquisition=Acquisition(
             current="instantaneous", speed=sensors.speed, command=sensors.command
         ),
@@ -229,7 +229,7 @@ def healthy_telemetry(
     scatter: float = 0.01,
     seed: int = 0,
 ) -> list[Telemetry]:
-    """Return healthy records, whose friction scatters between days and half as much within one."""
+    """Return healthy records; friction scatters between days, and half as much within a day."""
     joint, sensors = joint or Joint(), sensors or Sensors()
     motion = tones() if motion is None else motion
     rng = np.random.default_rng(seed)

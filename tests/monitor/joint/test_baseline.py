@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A baseline is extended by labelled records, and by healthy records that were not made yet."""
+"""A baseline is extended by labelled records, and by hypothetical healthy records."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ def test_record_is_labelled_with_its_state():
 
 
 def test_label_of_a_record_replaces_its_earlier_label():
-    """Also if the record was fitted anew: it is the same telemetry."""
+    """This holds also for the same telemetry in a refitted record."""
     first, again = record_of(HEALTHY, day=40), record_of(1.01 * HEALTHY, day=40)
     labelled = baseline_of().with_record("dry", first).with_record("worn", again)
     (label,) = labelled.labelled
@@ -54,7 +54,7 @@ def test_further_records_of_several_days_are_on_days_of_their_own():
 @pytest.mark.parametrize("days", [2, 3, 4])
 @pytest.mark.parametrize("scatter", [0.004, 0.008, 0.016])
 def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, scatter):
-    """The baselines of a seed share their first days."""
+    """Baselines with the same seed share their first days."""
     predicted, reached = [], []
     for seed in range(12):
         baseline = baseline_of(seed, days=days, scatter=scatter)
@@ -63,7 +63,7 @@ def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, s
         extended = Comparer(baseline.extended(6, 2), assumed_correlations=known)
         predicted.append(extended.smallest_changes[FRICTION])
         reached.append(Comparer(more).smallest_changes[FRICTION])
-    # What two days show varies by half, a mean of 12 by 15 %.
+    # The information of two days varies by half, and a mean of 12 by 15 %.
     assert np.mean(predicted) == pytest.approx(np.mean(reached), rel=0.25)
 
 
@@ -77,7 +77,7 @@ def of_motion(speeds, travels):
 
 
 def test_motion_that_repeats_is_separated_from_motion_alike_by_chance():
-    """A sweep that begins anywhere: its speeds scatter by 2 %, and within 5 % in most units."""
+    """The speeds of a sweep with random start scatter by 2 %, and within 5 % for most units."""
     rng = np.random.default_rng(3)
     repeated, by_chance = 0, 0
     for _ in range(100):
@@ -91,7 +91,7 @@ def test_motion_that_repeats_is_separated_from_motion_alike_by_chance():
 
 
 def test_motion_that_accelerates_otherwise_each_time_does_not_repeat():
-    """Sweeps of one speed and travel, which begin anywhere: their roughness differs by a third."""
+    """Sweeps of one speed and travel with random starts differ in roughness by a third."""
     base = of_motion(np.full(9, USUAL_SPEED), np.full(9, 2.0))
     steps = np.log([1.0, 1.01, 0.99] * 3)
     for scale, repeats in ((1.0, True), (12.0, False)):
@@ -103,7 +103,7 @@ def test_motion_that_accelerates_otherwise_each_time_does_not_repeat():
 
 
 def test_another_pace_makes_friction_uncertain_by_the_share_of_the_inertia():
-    """Speed and travel are within the healthy ones, their ratio is not."""
+    """Speed and travel are within the healthy ranges, but their ratio is not."""
     speeds, travels = USUAL_SPEED * np.array([0.8, 1.0, 1.2] * 3), np.array([1.6, 2.0, 2.4] * 3)
     base = of_motion(speeds, travels)
     same = record_of(HEALTHY, usual_speed=USUAL_SPEED, travel=2.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has changed in a record is named, or listed with its rivals, and never called unchanged."""
+"""A change in a record is named or listed with its rivals, and never called unchanged."""
 
 import math
 from dataclasses import replace
@@ -53,7 +53,7 @@ def comparer() -> Comparer:
 
 
 def rivals(comparison: Comparison) -> set[str]:
-    """Return the quantities that explain the record as well as those named."""
+    """Return the quantities that explain the record as well as the named ones."""
     return {name for one in comparison.changed for name in one.rivals}
 
 
@@ -78,8 +78,8 @@ def test_single_change_is_named_with_its_size(comparer, change, name, size):
     found = comparer.compare(record_of(changed(comparer.baseline.healthy, **change)))
     assert names(found) == {name}
     assert not rivals(found)
-    # The record itself has no error: what differs is rounding, and the mean of the prediction,
-    # which weighs the records of the days a little differently than the healthy coefficients.
+    # The record itself has no error. The differences are rounding, and the mean of the prediction,
+    # whose weights of days differ slightly from those of the healthy coefficients.
     assert found[name].change == pytest.approx(size, abs=0.015)
     assert found[name].low < size < found[name].high
     assert found.probability < 1e-3
@@ -96,9 +96,9 @@ def test_change_in_records_with_scatter_and_error_is_named_or_a_rival(comparer, 
         found = comparer.compare(replace(like, values=changed(like.values, **change)))
         assert found[name].judgement is not Judgement.UNCHANGED, number
         named += name in names(found)
-        # What is named beside it may only be a rival, or accompany it.
+        # Other named quantities may only be rivals, or accompany the change.
         assert name in names(found) | rivals(found) or not names(found), number
-    # All but a few are far above the smallest change (15 % beside 6 % to 8 %).
+    # All but a few are far above the smallest change (15 % compared with 6 % to 8 %).
     assert named >= 18
 
 
@@ -112,7 +112,7 @@ def test_payload_is_gravity_and_inertia_together(comparer):
 
 
 def test_payload_that_changes_the_gravity_at_the_centre_is_no_friction():
-    """The constant load rises with it: a weaker motor with less friction would look alike."""
+    """The constant load increases too: a weaker motor with less friction would look alike."""
     healthy = np.array([1.2, 0.08, 0.75, 1.6, 1.0])
     comparer = Comparer(baseline_of(healthy=healthy, scatter=0.005))
     load = 0.2 * comparer.baseline.healthy[LOAD_COLUMN]
@@ -124,11 +124,11 @@ def test_payload_that_changes_the_gravity_at_the_centre_is_no_friction():
 
 
 def test_friction_and_torque_are_not_separated_when_nearly_all_effort_is_friction():
-    """Inertia and gravity of 1 % of the friction: both changes have the same effect."""
+    """Inertia and gravity are 1 % of the friction, so that both changes have the same effect."""
     healthy = np.array([1.0, 0.12, 0.002, 0.0, 1.0])
     shape = Shape(coulomb=1.0, sine=0.004, has_gravity=True)
     base = baseline_of(healthy=healthy, shape=shape)
-    # The inertia is known to 30 % only: it is too little to tell a change of 15 %.
+    # The inertia is known only to 30 %, which is too uncertain to detect a change of 15 %.
     records = tuple(
         replace(one, covariance=_vague(one.covariance), values=one.values) for one in base.records
     )
@@ -145,7 +145,7 @@ def test_friction_and_torque_are_not_separated_when_nearly_all_effort_is_frictio
 
 
 def _vague(covariance):
-    """Return the covariance of a record that hardly shows inertia, viscous friction, gravity."""
+    """Return the covariance of a record that hardly shows inertia, viscous friction and gravity."""
     scales = np.array([1.0, 45.0, 10.0, 1.0, 100.0])
     return covariance * np.outer(scales, scales)
 
@@ -172,7 +172,7 @@ def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
         found = comparer.compare(record_of(_with_payload(values, payload)))
         assert FRICTION in names(found) | rivals(found), seed
         for one in found.changed:
-            # Torque per ampere is not claimed for certain.
+            # A change of torque per ampere is never certain.
             assert one.name in (FRICTION, FRICTION_OVER_INERTIA) or FRICTION in one.rivals, seed
 
 
@@ -200,7 +200,7 @@ def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
 
 @pytest.mark.parametrize(("error", "is_changed"), [(0.3, True), (0.02, False), (0.9, False)])
 def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, is_changed: bool):
-    """Effort outside the model biases the friction; the bias differs with another payload."""
+    """Effort outside the model biases the friction, and differently with another payload."""
     records = [{"friction_error": 0.25 + 0.01 * at} for at in range(9)]
     baseline = baseline_of(records=records, shape=replace(SHAPE, friction_error=0.29))
     record = record_of(changed(HEALTHY, friction=1.4), friction_error=error)
@@ -244,7 +244,7 @@ def test_torque_has_no_witness_where_only_friction_is_visible():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_what_departs_is_never_called_unchanged(seed):
-    """Any combination of changes of any size, in records of any error."""
+    """The records have any combination of changes of any size, and any error."""
     rng = np.random.default_rng(seed)
     comparer = Comparer(baseline_of(seed, days=1 + seed, a_day=3))
     for number in range(75):
@@ -254,12 +254,12 @@ def test_what_departs_is_never_called_unchanged(seed):
         values = changed(like.values, **factors, viscous=sizes[4], load=sizes[5])
         found = comparer.compare(replace(like, values=values))
         departs = found.probability < 1e-3
-        # The combined probability is at least that of each test times their number.
+        # The combined probability is at least the probability of each test times their number.
         if departs and not found.figures:
             assert found.changed, number
         for one in found.quantities:
             if one.judgement is Judgement.UNCHANGED and one.name in OF_COEFFICIENTS:
-                # Torque per ampere is shown as the inverse of the effort that is judged.
+                # Torque per ampere is shown as the inverse of the judged effort.
                 inverse = 1.0 - one.smallest_change if one.name == TORQUE else 1.0
                 assert abs(one.change) < one.smallest_change / inverse, (number, one)
 
@@ -276,24 +276,24 @@ def test_unchanged_quantity_is_below_the_change_that_would_show(comparer):
 
 @pytest.mark.slow
 def test_healthy_records_of_the_assumed_scatter_give_no_alarm():
-    """30 baselines of one to five days, and ten records of other days for each."""
+    """There are 30 baselines of one to five days, and ten records of other days for each."""
     rng = np.random.default_rng(7)
     alarms = []
     for seed in range(30):
-        # The assumed scatter between days is 0.8 % of friction, 0.7 % of inertia.
+        # The assumed scatter between days is 0.8 % of friction, and 0.7 % of inertia.
         comparer = Comparer(baseline_of(seed, days=1 + seed % 5, scatter=0.008))
         for number in range(10):
             record = drawn(rng, SEPARATE + number, drawn_effects(rng, 0.008), scatter=0.008)
             found = comparer.compare(record)
             alarms += [one.name for one in found.changed]
-    # Six tests of 0.1 % each in 300 records are 1.8 alarms if the scatter were only just covered;
-    # the prior covers one that is four times as wide.
+    # Six tests of 0.1 % each in 300 records give 1.8 alarms if the scatter is only just covered;
+    # the prior covers four times the scatter.
     assert alarms == []
 
 
 @pytest.mark.slow
 def test_doubtful_change_is_not_judged_rather_than_unchanged(comparer):
-    """Between three standard deviations and the significance: neither healthy nor changed."""
+    """Between three standard deviations and significance, friction is not judged."""
     healthy, seen = comparer.baseline.healthy, []
     for factor in np.linspace(1.02, 1.1, 81):
         found = comparer.compare(record_of(changed(healthy, friction=float(factor))))
@@ -328,7 +328,7 @@ def test_more_days_lower_the_smallest_change_as_predicted():
         assert improvement.smallest_change < 0.7 * one_day.smallest_changes[FRICTION]
         predicted.append(improvement.smallest_change)
         reached.append(three_days.smallest_changes[FRICTION])
-    # The days scatter as assumed. What three days show of it varies by 20 %, a mean of 8 by 8 %.
+    # The days scatter as assumed. The information of three days varies by 20 %, a mean of 8 by 8 %.
     assert np.mean(predicted) == pytest.approx(np.mean(reached), rel=0.2)
 
 
@@ -353,7 +353,7 @@ def test_load_has_the_unit_of_the_effort():
 
 
 def test_friction_over_inertia_is_that_of_the_coefficient_in_a_self_locking_gear(comparer):
-    """Friction of 1.4 and inertia of 1.1 times the healthy ones."""
+    """Friction is 1.4 and inertia 1.1 times the healthy values."""
     record = record_of(changed(comparer.baseline.healthy, friction=1.4, inertia=1.1))
     found = comparer.compare(record)[FRICTION_OVER_INERTIA]
     assert found.change == pytest.approx(1.4 / 1.1 - 1.0, abs=0.01)
@@ -381,7 +381,7 @@ def test_record_of_another_motion_is_judged_with_less_certainty(comparer):
 
 
 def _warm(follows: bool, seed: int = 0) -> Comparer:
-    """Return the comparer of twelve records over 20 K, whose viscous friction follows or not."""
+    """Return the comparer of twelve records over 20 K, whose viscous friction may follow it."""
     rng = np.random.default_rng(seed)
     kelvin = np.linspace(10.0, 30.0, 12)
     rng.shuffle(kelvin)
@@ -406,14 +406,14 @@ def test_temperature_explains_the_scatter_of_viscous_friction_that_follows_it():
     with_it = _warm(follows=True)
     blind = _without_temperature(with_it)
     smallest = with_it.smallest_changes[VISCOUS], blind.smallest_changes[VISCOUS]
-    # 2 %/K over 20 K scatter by 12 % of the viscous friction, beside 1 % of days.
+    # 2 %/K over 20 K is a scatter of 12 % of the viscous friction, in addition to 1 % between days.
     assert smallest[0] < 0.7 * smallest[1]
     values = np.array(HEALTHY)
     values[VISCOUS_COLUMN] *= 1.0 - 0.02 * 12.0
     warm = record_of(values, temperature=32.0)
     found = with_it.compare(warm)
     assert found[VISCOUS].judgement is Judgement.UNCHANGED
-    # Its change beyond that of the temperature.
+    # The change beyond the effect of temperature.
     assert abs(found[VISCOUS].change) < 0.03
 
 
@@ -429,7 +429,7 @@ def test_temperature_is_not_used_where_nothing_follows_it():
 
 
 def test_record_without_temperature_is_compared_over_all_temperatures():
-    """Its viscous friction is that of any temperature of the healthy records: no alarm."""
+    """Its viscous friction may be that of any healthy temperature, so there is no alarm."""
     comparer = _warm(follows=True)
     for healthy in comparer.baseline.records:
         unknown = comparer.compare(replace(healthy, stamp_ns=0, temperature=math.nan))
@@ -456,7 +456,7 @@ def _all_friction_follows(per_kelvin: float) -> tuple[Comparer, Array]:
 
 
 def test_temperature_that_all_friction_follows_costs_no_sensitivity():
-    """Dry and viscous friction vary together by the temperature, and apart at a known one."""
+    """Dry and viscous friction vary together with temperature, and independently at a known one."""
     steady = _warm(follows=False)
     warm, _ = _all_friction_follows(-0.01)
     for name in (FRICTION, TORQUE, INERTIA):
@@ -470,7 +470,7 @@ def test_temperature_that_all_friction_follows_costs_no_sensitivity():
     ("change", "name"), [({"friction": 1.15}, FRICTION), ({"inertia": 1.1}, INERTIA)]
 )
 def test_change_is_named_at_any_temperature_of_the_healthy_records(kelvin, change, name):
-    """What the temperature explains of a record is no part of the change."""
+    """The effect of temperature is not part of the change."""
     warm, slope = _all_friction_follows(-0.01)
     values = np.array(HEALTHY) + (kelvin - 20.0) * slope
     found = warm.compare(record_of(changed(values, **change), temperature=kelvin))
@@ -479,7 +479,7 @@ def test_change_is_named_at_any_temperature_of_the_healthy_records(kelvin, chang
 
 
 def test_effort_of_the_wrong_sign_is_a_change_and_no_error(comparer):
-    """Friction of -1 times the healthy one: a logarithm of its ratio does not exist."""
+    """With friction of -1 times the healthy one, the logarithm of the ratio does not exist."""
     found = comparer.compare(record_of(-comparer.baseline.healthy))
     assert found.changed
     assert all(not one.is_judged or math.isfinite(one.change) for one in found.quantities)

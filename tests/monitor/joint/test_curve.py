@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The curve of a record is its true friction, and leaves the healthy band when it rises."""
+"""The friction curve of a record is its true friction, and leaves the healthy band if it rises."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,10 @@ def true_friction(joint: Joint, speed: np.ndarray) -> np.ndarray:
     ids=["plain", "inertia", "Stribeck", "load"],
 )
 def test_curve_of_a_healthy_record_is_the_true_friction_within_the_band(joint: Joint):
-    """Within 5 % of Coulomb friction. Slow bins may lack rows: the filter leaves out reversals."""
+    """The tolerance is 5 % of Coulomb friction.
+
+    Slow bins may lack rows, because the filter leaves out reversals.
+    """
     curve = curve_of(joint, joint)
     covered = np.isfinite(curve.latest)
     assert np.mean(covered) > 0.75

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A test departs if no healthy test looks like it, and not before."""
+"""A test departs only if no healthy test looks like it."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ FIGURES = {
 
 
 def drawn(rng, count, *, sigma=0.02, shift=0.0, day=0):
-    """Healthy tests: a level of 1 A and logarithms of ten scatters."""
+    """Return healthy tests: a level of 1 A and logarithms of ten scatters."""
     tests = []
     for _ in range(count):
         values = sigma * rng.standard_normal(len(FIGURES))
@@ -34,8 +34,8 @@ def test_healthy_tests_depart_no_more_often_than_stated(count, sigma, later_day)
     for _ in range(200):
         *known, later = drawn(rng, count + 1, sigma=sigma)
         alarms += departure_of(later._replace(day=later_day), known, FIGURES).is_significant
-    # 200 tests at 0.1 %: 0.2 are expected, more than 3 come once in 10,000 runs. Three tests cannot
-    # rule out the prior of a level, a scatter of 0.6 %, which is a tenth of this one.
+    # 200 tests at 0.1 %: 0.2 departures are expected; more than 3 occur once in 10,000 runs. Three
+    # tests cannot rule out the prior of a level, a scatter of 0.6 %, a tenth of the actual one.
     assert alarms <= (7 if (count, sigma) == (3, 0.07) else 3)
 
 
@@ -78,7 +78,7 @@ def test_drift_between_days_is_expected_before_it_was_seen_and_learned_from_days
     assert not found.is_significant
     (far,) = drawn(rng, 1, sigma=0.002, shift=0.8, day=9)
     assert departure_of(far, days, FIGURES).is_significant
-    # Days that agree lower the change that shows on a further day.
+    # Days that agree lower the detectable change on a further day.
     steady = [test for day in range(6) for test in drawn(rng, 2, sigma=0.002, day=day)]
     assert departure_of(later, steady, FIGURES).is_significant
 
@@ -94,7 +94,7 @@ def test_smallest_change_of_a_figure_is_found_in_90_percent():
         found += departure_of(
             later._replace(values={"level": moved}), healthy, figure
         ).is_significant
-    # Binomial of 200 at 90 %: a standard deviation of 2 %.
+    # Binomial with 200 at 90 %: a standard deviation of 2 %.
     assert found / 200 >= 0.84
 
 
@@ -136,7 +136,7 @@ def test_states_are_named_and_what_is_none_of_them():
         assert next(iter(found)) == state
         assert sum(found.values()) == pytest.approx(1.0)
     assert next(iter(probabilities(examples, at(30.0, 30.0), PLANE))) == NONE_OF_THESE
-    # A figure that is missing does not count.
+    # A missing figure does not count.
     found = probabilities(examples, DatedFigures(0, {"b": 2.0}), PLANE)
     assert next(iter(found)) == "play"
     assert probabilities(examples, DatedFigures(0, {}), PLANE) == {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Elasticity of a gear: found where there is one, and harmless to friction elsewhere."""
+"""Elasticity of a gear: detected if present, and harmless to friction otherwise."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def test_elastic_gear_is_found(calibration):
     ("h", "bits", "noise"), [(0.01, 20, 0.05), (0.02, 11, 0.05), (0.01, 10, 0.1), (0.02, 12, 0.2)]
 )
 def test_stiff_gear_is_not_mistaken_for_elastic(h, bits, noise, seed):
-    """Jerk and snap filter the noise of a coarse encoder: this improves the prediction a little."""
+    """Jerk and snap filter the noise of a coarse encoder: this improves the prediction slightly."""
     sensors = Sensors(noise=noise, step=2.0 * np.pi / 2**bits)
     motion = tones(h=h) if seed else places(h=h)
     healthy = healthy_telemetry(STIFF, sensors, motion, seed=seed)
@@ -53,7 +53,7 @@ def test_stiff_gear_is_not_mistaken_for_elastic(h, bits, noise, seed):
 
 @pytest.mark.parametrize("seed", [5, 6, 7])
 def test_friction_of_an_elastic_gear_is_as_exact_as_of_a_stiff_gear(calibration, seed):
-    """Without jerk and snap the errors are 0.2, 0.5 and 0.9 %."""
+    """Without jerk and snap, the errors are 0.2, 0.5 and 0.9 %."""
     worn = ELASTIC.times(coulomb=1.15)
     telemetry = telemetry_of(worn, places(seed=seed), SENSORS, seed=50, day=40)
     estimate = identify_record(window_of(telemetry), described(SENSORS), calibration)
@@ -85,7 +85,7 @@ def test_calibration_file_without_elasticity_is_of_a_stiff_gear(calibration, tmp
 
 
 def _preparation_of(content: dict) -> dict:
-    """Return the mapping of the preparation, wherever the file has it."""
+    """Return the mapping of the preparation, at any level of the file."""
     if "preparation" in content:
         return content["preparation"]
     return next(_preparation_of(one) for one in content.values() if isinstance(one, dict))

@@ -50,7 +50,7 @@ def test_error_of_the_healthy_friction_covers_effort_outside_the_model():
         baseline = learn([_with_hidden_effort(seed, 0.8)], described())
         friction = baseline.healthy[DRY] * baseline.shape.coulomb
         missed.append(abs(np.log(friction / Joint().coulomb)) / baseline.shape.friction_error)
-    # The random motion of the other joint averages part of the error out: one in ten or fewer are
+    # The random motion of the other joint averages part of the error out: at most one in ten is
     # outside a 90 % interval, and errors reach half a standard deviation.
     assert np.sum(np.array(missed) > Z90) <= 2
     assert np.max(missed) > 0.5
@@ -78,11 +78,12 @@ def test_interval_of_changed_friction_has_the_error_of_the_healthy_friction(rati
     assert after.change == before.change
     assert after.judgement is before.judgement is Judgement.CHANGED
     assert after.smallest_change == before.smallest_change
-    # A factor of exp(0.66) of the change in both directions, besides the noise of the record.
+    # A factor of exp(0.66) of the change in both directions, in addition to the noise of the
+    # record.
     ends = sorted(after.change * np.exp([-Z90 * 0.4, Z90 * 0.4]))
     assert after.low < ends[0] + 0.005 * abs(after.change)
     assert after.high > ends[1] - 0.005 * abs(after.change)
-    # The error is a factor of the change: its sign is certain.
+    # The error is a factor of the change, so that its sign is certain.
     assert after.low * after.high > 0.0
     over_inertia = biased[FRICTION_OVER_INERTIA]
     before_over = exact[FRICTION_OVER_INERTIA]
@@ -103,13 +104,13 @@ def test_error_of_the_healthy_friction_leaves_an_unchanged_record_as_it_is():
 
 
 CYCLES = 2
-"""Cycles of a record."""
+"""Number of cycles in a record."""
 HEALTHY_RECORDS, WORN_RECORDS = 6, 2
 
 
 @pytest.fixture(scope="module")
 def arm() -> list[tuple[Array, list[ArmTelemetry]]]:
-    """Friction ratios of the joints and cycles of each record; in the last, friction grows."""
+    """Return friction ratios of joints and cycles of each record; friction grows in the last."""
     arm = RobotArm(seed=3, rate=100)
     wear = dict.fromkeys(JOINT_NAMES, 0.08)
     work = WorkSettings(healthy_cycles=CYCLES * HEALTHY_RECORDS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration of records survives its file to the bit, and refuses what does not fit."""
+"""A calibration of records is stored exactly, and refuses wrong files and units."""
 
 import logging
 import math
@@ -40,7 +40,7 @@ def load(path: Path) -> JointCalibration:
 
 
 def labelled(calibration: JointCalibration, state: str = "dry") -> JointCalibration:
-    """Return the calibration with a healthy record of a later day as an example of a state."""
+    """Return the calibration with a later healthy record as an example of a state."""
     like = calibration.baseline.records[0]
     record = replace(like, stamp_ns=like.stamp_ns + 10**15)
     return replace(calibration, baseline=calibration.baseline.with_record(state, record))
@@ -181,7 +181,7 @@ def test_file_of_another_format_is_refused(path, content):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_any_entry_replaced_by_rubbish_is_refused_or_loaded(path, seed):
-    """Reading a file raises nothing but ValueError for any change of an entry."""
+    """Reading a file with any changed entry raises only ValueError."""
     rng = np.random.default_rng(seed)
     content = yaml.safe_load(path.read_text())
     at: Any = content
@@ -264,7 +264,7 @@ def test_other_units_are_refused_with_what_differs(calibration):
     for name, value in (("tau", 0.5), ("k_t", 0.3), ("lead", 0.01)):
         changed = replace(plain, parameters=plain.parameters.replace({name: value}))
         assert f"{name} = {value:g}" in differences_text(calibration.unit_mismatch(changed))
-    # Parameters that are not used may differ.
+    # Unused parameters may differ.
     changed = replace(plain, parameters=plain.parameters.replace({"R_s": 1.5}))
     assert calibration.unit_mismatch(changed) == ()
 

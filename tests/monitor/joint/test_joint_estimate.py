@@ -105,7 +105,7 @@ def test_friction_is_the_fault_friction(plain, factor):
     assert friction.judgement is Judgement.CHANGED
     # The days scatter by 1 % and the record by half of that: three standard deviations of both.
     assert friction.change == pytest.approx(factor - 1.0, abs=0.035)
-    # The ratio is 1 + 2 k, and less friction is no fault.
+    # The ratio is 1 + 2 k, and reduced friction is not a fault.
     assert result.faults.friction == pytest.approx(max(factor - 1.0, 0.0) / 2.0, abs=0.018)
     assert result.insignificant[FRICTION] == (factor < 1.0)
     sigma = (friction.high - friction.low) / (2.0 * 1.645)
@@ -162,7 +162,7 @@ def test_load_is_reported_in_the_unit_in_which_the_effort_was_recorded(tau, k_t,
 
 
 def test_rivals_are_no_fault_and_no_cause():
-    """All effort is friction: torque per ampere would look the same."""
+    """All effort is friction, so that a change of torque per ampere would look the same."""
     joint = Joint(inertia=0.0004, viscous=0.0, load=0.0)
     calibration = calibrated(joint)
     result = estimate(calibration, joint.times(coulomb=1.3))
@@ -211,7 +211,7 @@ def test_play_is_not_judged_where_both_sensors_are_on_one_side():
 
 
 def test_wind_up_by_friction_is_no_play(with_play):
-    """Friction of 1.6 times winds the gear up further, by 20 % of the lost motion."""
+    """Friction of 1.6 times the healthy value adds wind-up of 20 % of the lost motion."""
     result = estimate(with_play, WITH_PLAY.times(coulomb=1.6), sensors=MOTOR_SPEED)
     assert judgement(result, of.PLAY) is Judgement.UNCHANGED
     assert judgement(result, of.FRICTION) is Judgement.CHANGED
@@ -302,7 +302,7 @@ def test_noise_of_the_effort_departs_in_a_figure_though_no_quantity_has_changed(
     assert result.comparison is not None
     assert not result.comparison.changed
     assert "effort_roughness" in {figure.name for figure in result.comparison.figures}
-    # The noise doubles. Half of the differences of the effort in 0.01 s is motion.
+    # The noise doubles. Half of the differences of the effort within 0.01 s is motion.
     roughness = next(
         figure.ratio for figure in result.comparison.figures if figure.name == "effort_roughness"
     )
@@ -324,7 +324,7 @@ def test_motion_that_is_much_slower_or_faster_is_not_judged(plain, speed):
     assert "expected 0.5 to 1.6 times" in result.reason
     found_speed = re.search(r"the speed is ([\d.]+) times", result.reason)
     assert found_speed is not None
-    # Faster motion is rounded by the filter, and slower motion is less so.
+    # The filter smooths faster motion more, and slower motion less.
     assert float(found_speed[1]) == pytest.approx(speed, rel=0.05)
     assert result.comparison is not None
     assert not result.comparison.judged
@@ -353,7 +353,7 @@ def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
 
 
 def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
-    """Its figures depend on the rate; its quantities are compared as always."""
+    """Its figures depend on the rate; its quantities are compared as usual."""
     record = comparable_record(measured(PLAIN, motion=tones(h=0.002)), described(), plain)
     assert isinstance(record, JointRecord)
     assert (record.figures, record.parts) == ({}, ())
@@ -367,7 +367,7 @@ def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
     assert not result.comparison.states
 
 
-# What cannot be judged
+# Refused records
 
 
 def test_short_record_is_refused_with_its_strokes_or_rows(plain):
@@ -388,7 +388,7 @@ def test_short_end_of_a_motion_with_too_few_strokes_is_skipped(plain):
 
 
 def seized(**columns: np.ndarray) -> Window:
-    """The record of a joint that seizes, as the monitor cuts it from the telemetry."""
+    """Return the record of a joint that seizes, as the monitor cuts it from the telemetry."""
     whole = measured(PLAIN).telemetry
     step = 2.0 * np.pi / 4096.0
     noise = step * np.random.default_rng(2).integers(0, 2, len(whole))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A late effort is measured and corrected, and never passes for another friction."""
+"""A late effort is measured and corrected, and never mistaken for different friction."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The coefficients of a joint are those of its plant, and only terms that its records show."""
+"""The learned coefficients equal those of the plant, and include only terms that records show."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def learned(
     a_day: int = 1,
     seed: int = 0,
 ) -> Baseline:
-    """Return the baseline of three days of records that do not scatter."""
+    """Return the baseline of three days of records, without scatter unless ``scatter`` is given."""
     records = healthy_telemetry(joint, sensors, motion, scatter=scatter, a_day=a_day, seed=seed)
     return learn(records, described(sensors, records[0].sample_period))
 
@@ -59,7 +59,7 @@ def coefficients(baseline: Baseline) -> dict[str, float]:
 
 
 def check(joint: Joint, baseline: Baseline, rel: float, abs_load: float = 0.005) -> None:
-    """Check all coefficients of a joint without gravity, relatively [-] and the load [A]."""
+    """Check all coefficients except gravity: relatively [-], and the load absolutely [A]."""
     found = coefficients(baseline)
     for name in ("coulomb", "inertia", "viscous"):
         assert found[name] == pytest.approx(getattr(joint, name), rel=rel), name
@@ -68,7 +68,7 @@ def check(joint: Joint, baseline: Baseline, rel: float, abs_load: float = 0.005)
 
 def test_coefficients_without_noise_are_those_of_the_plant():
     joint = Joint()
-    # Central differences of the steps of 0.02 s miss (2 pi 0.83 Hz 0.02 s)^2 / 3 = 0.4 % of the
+    # Central differences with steps of 0.02 s miss (2 pi 0.83 Hz 0.02 s)^2 / 3 = 0.4 % of the
     # acceleration in the faster tone, and half of that of the speed.
     check(joint, learned(joint, EXACT), rel=0.006, abs_load=0.002)
 
@@ -87,10 +87,10 @@ def test_gravity_without_noise_is_that_of_the_plant():
 def test_coefficients_are_right_for_other_ratios_of_friction_and_inertia(coulomb, inertia):
     joint = Joint(coulomb=coulomb, inertia=inertia)
     found = coefficients(learned(joint, EXACT))
-    # The filter rounds the sign of the speed near reversals, by 5 % in the rows that count most:
-    # they are few, and coupled to viscous friction.
+    # Near reversals, the filter smooths the sign of the speed, by 5 % in the rows with the highest
+    # weight. These are few, and coupled to viscous friction.
     assert found["coulomb"] == pytest.approx(coulomb, rel=0.01)
-    # Friction of 3 A beside an inertia of 0.03: 1 % of friction is 5 % of the effort of inertia.
+    # With friction of 3 A and an inertia of 0.03, 1 % of friction is 5 % of the effort of inertia.
     assert found["inertia"] == pytest.approx(inertia, rel=0.02)
 
 
@@ -115,8 +115,8 @@ def test_outliers_noise_and_resolution_do_not_bias_the_coefficients(sensors):
         name: np.mean([coefficients(one)[name] for one in found])
         for name in ("coulomb", "inertia", "viscous", "load")
     }
-    # Bias by differences 0.6 %. Random error of 9 records with a noise of 0.2 A in 100 Hz:
-    # 0.2 / sqrt(9 * 4000) = 0.1 % of 1 A, and four times that where columns are alike.
+    # The bias by differences is 0.6 %. The random error of 9 records with a noise of 0.2 A at 100
+    # Hz is 0.2 / sqrt(9 * 4000) = 0.1 % of 1 A, and four times that for correlated columns.
     assert mean["coulomb"] == pytest.approx(joint.coulomb, rel=0.01)
     assert mean["inertia"] == pytest.approx(joint.inertia, rel=0.01)
     assert mean["viscous"] == pytest.approx(joint.viscous, rel=0.02)
@@ -161,7 +161,7 @@ def test_calibration_remarks_a_large_lag(lag_s):
 
 
 def test_lag_that_the_acquisition_explains_is_not_remarked():
-    """A mean current at 25 Hz is half a sample, 20 ms, early."""
+    """A mean current at 25 Hz is early by half a sample, 20 ms."""
     records = healthy_telemetry(motion=tones(h=0.04))
     description = described(h=0.04)
     acquisition = replace(description.acquisition, current="mean")
@@ -184,7 +184,7 @@ def test_record_of_another_rate_has_the_same_coefficients(h):
     other = telemetry_of(Joint(), tones(h=h), Sensors(), seed=5)
     found = read_record(other, described(h=h), baseline.preparation, baseline.shape)
     at = [DRY, INERTIA, VISCOUS]
-    # Differences with steps of 0.02 s beside 0.02 to 0.025 s, see above, and noise.
+    # Differences with steps of 0.02 s instead of 0.02 to 0.025 s, see above, and noise.
     np.testing.assert_allclose(found.values[at], baseline.healthy[at], rtol=0.015)
 
 
@@ -208,11 +208,11 @@ def test_linear_joint_has_no_gravity():
 
 
 def test_stribeck_friction_is_admitted_where_there_is_some():
-    """Motion at many speeds from 0.05 rad/s on, in strokes of 2 s."""
+    """The motion has many speeds from 0.05 rad/s on, in strokes of 2 s."""
     strong = learned(Joint(stribeck=0.8, stribeck_speed=0.25), motion=_many_speeds(), a_day=2)
     assert strong.shape.dip > 0.0
-    # Of the three speeds that are tried (0.06, 0.12, 0.24 of the usual one) the nearest is a third
-    # away at most, which the friction at rest follows.
+    # Of the three candidate speeds (0.06, 0.12, 0.24 of the usual one), the nearest is at most a
+    # third away; friction at rest deviates accordingly.
     assert strong.shape.dip == pytest.approx(0.8, rel=0.3)
 
 
@@ -261,7 +261,7 @@ def test_records_without_motion_friction_or_direction_are_refused_with_the_reaso
 
 
 def test_records_of_unknown_travel_are_the_same_by_their_stamps():
-    """Those of older calibrations have none."""
+    """Records of older calibrations have no travel."""
     record = JointRecord(5, np.zeros(2), np.eye(2), 1.0)
     assert record.is_same(replace(record, values=np.ones(2)))
     assert not record.is_same(replace(record, stamp_ns=6))
@@ -271,7 +271,7 @@ def test_records_of_unknown_travel_are_the_same_by_their_stamps():
 
 @pytest.mark.parametrize("payload", [1.2, 1.4])
 def test_payload_is_no_friction_where_friction_rises_with_the_load(payload):
-    """Inertia and gravity grow by 20 % and more, and with them the friction of the load."""
+    """Inertia and gravity grow by 20 % and more, and with them the load-dependent friction."""
     joint = Joint(coulomb=1.0, gravity=4.0, inertia=0.4, load_share=0.08)
     records = healthy_telemetry(joint, None, tones(), scatter=0.01, a_day=3)
     described_joint = described(None, records[0].sample_period)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of moves give a level, and a life where they rise for certain."""
+"""Figures of moves give a level, and a remaining life if they certainly rise."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def followed(ratios, *, limit=1.5, seed=0, scatter=0.01):
 def test_constant_unit_stays_ok_and_has_no_predicted_life():
     reported = [one for seed in range(20) for one in followed(np.ones(30), seed=seed)[4:]]
     assert all(one.life_days is None for one in reported)
-    # 520 tests at 1 %: 5 are expected, more than 13 come once in 1,000 runs.
+    # 520 tests at 1 %: 5 are expected; more than 13 occur once in 1,000 runs.
     assert sum(one.level != "OK" for one in reported) <= 13
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A faulty record among the healthy records is named, and records of a healthy set are not."""
+"""A faulty record among the healthy records is named, but no record of a healthy set."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -35,20 +35,20 @@ def test_faulty_record_is_named_with_its_quantity_and_change(number, change, nam
     baseline = with_faults(baseline_of(), [number], **change)
     (outlier,) = outliers(baseline)
     assert outlier.record is baseline.records[number]
-    # Its own scatter between days and records, of 1 %, and their errors of 0.6 % are in it.
+    # The tolerance includes its scatter of 1 % between days and records, and errors of 0.6 %.
     assert outlier.comparison[name] in outlier.comparison.changed
     assert outlier.comparison[name].change == pytest.approx(size, abs=0.05)
 
 
 def test_two_faulty_records_of_different_days_are_both_named():
-    """The first, once it is left out, no longer hides the second."""
+    """The second fault becomes visible only after the first record is left out."""
     baseline = with_faults(baseline_of(), [0, 5], friction=1.5)
     found = {baseline.records.index(one.record) for one in outliers(baseline)}
     assert found == {0, 5}
 
 
 def test_healthy_record_next_to_the_faulty_one_of_its_day_is_not_named():
-    """A day with two records: compared with the faulty one, the healthy one differs, too."""
+    """On a day with two records, the healthy one also differs from the faulty one."""
     baseline = with_faults(baseline_of(days=3, a_day=2), [2], friction=1.31)
     (outlier,) = outliers(baseline)
     assert outlier.record is baseline.records[2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a record show by direction what tells states apart."""
+"""Figures of the parts of a record, by direction, distinguish states."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ PREPARATION = Preparation(cutoff_hz=3.0, lag_s=0.0, usual_speed=SPEED)
 
 
 def strokes(cycles, *, ripple=0.0, has_command=True, seconds=4.0):
-    """Return a record of strokes to and fro at one speed; the effort is larger forward."""
+    """Return a record of strokes back and forth at one speed; the effort is larger forwards."""
     count = round(seconds / H)
     one_cycle = np.concatenate([np.full(count, SPEED), np.full(count, -SPEED)])
     way = np.sign(np.tile(one_cycle, cycles))

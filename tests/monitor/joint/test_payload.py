@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction is distinguished from a part that is carried one way only, if the payload is known.
+"""With a known payload, friction is distinguished from a part that is carried only one way.
 
-The same arm works with the payload in its telemetry and without.
+The same arm is tested with and without the payload in its telemetry.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ from ema_sim.robot.work import ArmTelemetry, RobotArm, WorkSettings
 from .plant import FIRST_DAY, described, healthy_telemetry
 
 CYCLES = 2
-"""Cycles of a record."""
+"""Number of cycles in a record."""
 HEALTHY, WORN = 6, 4
 BEARING = ("shoulder", "elbow", "wrist_1")
 """Joints that bear the weight of the part."""
@@ -40,7 +40,7 @@ Record = tuple[Array, list[ArmTelemetry]]
 
 @pytest.fixture(scope="module", params=[21, 22])
 def arm(request) -> list[Record]:
-    """Friction ratios of the joints and cycles of each record; the mass of the parts changes."""
+    """Return friction ratios of joints and cycles of each record; the mass of the parts changes."""
     arm = RobotArm(seed=request.param, rate=100)
     masses = np.random.default_rng(request.param).uniform(0.5, 4.0, HEALTHY + WORN)
     wear = dict.fromkeys(JOINT_NAMES, 0.05)
@@ -84,7 +84,7 @@ def calibrated(arm: list[Record], name: str, *, has_payload: bool = True) -> Joi
 
 
 def errors(arm: list[Record], name: str, *, has_payload: bool) -> tuple[list[float], list[bool]]:
-    """Return the error of the friction of each worn record, and whether its interval holds."""
+    """Return the friction error of each worn record, and whether its interval contains it."""
     calibration = calibrated(arm, name, has_payload=has_payload)
     at = JOINT_NAMES.index(name)
     healthy = float(np.mean([ratios[at] for ratios, _ in arm[:HEALTHY]]))
@@ -103,7 +103,7 @@ def errors(arm: list[Record], name: str, *, has_payload: bool) -> tuple[list[flo
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BEARING)
 def test_friction_is_right_if_the_payload_is_known(arm, name):
-    """Friction that rises by up to 40 % is within 3 % of healthy friction, and in its interval."""
+    """Friction rises by up to 40 %; its error is below 3 % of healthy, and within its interval."""
     found, holds = errors(arm, name, has_payload=True)
     assert max(found) < 0.03
     assert all(holds)
@@ -123,7 +123,8 @@ def test_joint_that_bears_the_part_is_compared_by_its_empty_motion_alone(arm):
         assert Shortcoming.UNCERTAIN_FRICTION in unknown.baseline.shortcomings
         assert "gripper as payload" in friction_advice(unknown.baseline)
         assert not friction_advice(known.baseline)
-    # The base turns one way with the part and the other way without: all motion is needed.
+    # The base turns with the part in one direction and without it in the other: all motion is
+    # needed.
     assert not calibrated(arm, "base").baseline.preparation.is_empty
 
 
@@ -137,7 +138,7 @@ def test_record_without_payload_is_not_compared_with_empty_motion(arm, tmp_path)
         assert not estimate.valid
         assert estimate.reasons == (PayloadMissing(),)
         assert "the payload is not in the telemetry" in estimate.reason
-    # The other way round, the payload is ignored.
+    # Conversely, the payload is ignored.
     plain = calibrated(arm, "elbow", has_payload=False)
     with_it, without = (
         identify(window_of(arm[-1], "elbow", has_payload=known), unit("elbow"), plain).comparison
@@ -186,6 +187,6 @@ def test_part_in_a_later_record_alone_is_left_out():
     description = described()
     windows = list(map(Window, records))
     assert calibrate_joint(windows, description).baseline.preparation.is_empty
-    # One record without the payload: it is not used at all.
+    # If one record lacks the payload, it is not used at all.
     mixed = [*windows[:-1], Window(replace(records[-1], payload=np.empty(0)))]
     assert not calibrate_joint(mixed, description).baseline.preparation.is_empty

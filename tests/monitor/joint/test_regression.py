@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robust regression is that of its closed form, and its covariance is that of its errors."""
+"""Robust regression agrees with closed forms, and its covariance with the actual errors."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from ema_monitor.joint.regression import CoefficientPrior, regress, robust_fit
 OPEN = CoefficientPrior(np.zeros(3), np.full(3, 1e3))
 TRUTH = np.array([1.0, 0.5, -0.2])
 EACH = 25
-"""Rows of a stroke."""
+"""Number of rows in a stroke."""
 
 
 def drawn(seed: int, strokes: int, shared: float, noise: float = 0.1):
-    """Rows in strokes to and fro, with an error that each stroke shares, and one of each row."""
+    """Return rows in strokes back and forth, with an error per stroke and an error per row."""
     rng = np.random.default_rng(seed)
     clusters = np.repeat(np.arange(strokes), EACH)
     way = np.where(clusters % 2, -1.0, 1.0)
@@ -33,7 +33,7 @@ def test_fit_of_normal_errors_is_nearly_that_of_least_squares():
     design, target, _ = drawn(1, 40, shared=0.0)
     plain = np.linalg.lstsq(design, target, rcond=None)[0]
     sigmas = 0.1 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    # Huber's weights with 2.5 standard deviations cost 1 % of the efficiency: the estimates
+    # Huber's weights with 2.5 standard deviations cost 1 % of the efficiency, so that the estimates
     # differ by a tenth of a standard error.
     assert np.all(np.abs(robust_fit(design, target, OPEN).values - plain) < 0.3 * sigmas)
 
@@ -46,8 +46,8 @@ def test_one_percent_of_outliers_moves_the_fit_by_less_than_its_error():
     fouled = regress(design, target, clusters, OPEN).values
     plain = np.linalg.lstsq(design, target, rcond=None)[0]
     sigmas = np.sqrt(np.diag(clean.covariance))
-    # Each outlier counts as 2.5 standard deviations: 1 % of the rows moves the mean by 0.025 of
-    # them, a standard error of 1,000 rows is 0.03.
+    # Each outlier counts as 2.5 standard deviations: 1 % of the rows moves the mean by 0.025
+    # standard deviations; a standard error of 1,000 rows is 0.03.
     assert np.all(np.abs(fouled - clean.values) < 2.0 * sigmas)
     # Least squares is off by 20 A / 100 = 0.2 A.
     assert np.max(np.abs(plain - TRUTH)) > 0.1
@@ -74,7 +74,7 @@ def test_covariance_is_in_no_direction_below_that_of_white_noise(seed):
     directions = rng.standard_normal((100, 3))
     ratio = np.einsum("di,ij,dj->d", directions, found.covariance, directions)
     ratio /= np.einsum("di,ij,dj->d", directions, white, directions)
-    # The prior of 1000 takes 1e-9 of the variance.
+    # The prior of 1000 reduces the variance by 1e-9.
     assert np.min(ratio) > 1.0 - 1e-6
 
 
@@ -86,22 +86,24 @@ def test_intervals_hold_when_errors_are_correlated_within_strokes(shared):
         found = regress(design, target, clusters, OPEN)
         missed = np.abs(found.values - TRUTH) / np.sqrt(np.diag(found.covariance))
         covered += missed < 1.645
-    # 90 % of 300 with a standard deviation of 1.7 %. 20 strokes give 17 degrees of freedom, with
-    # which a normal interval of 90 % holds in 88 %, and the sandwich is biased low by its leverage.
+    # 90 % of 300 has a standard deviation of 1.7 %. 20 strokes give 17 degrees of freedom, with
+    # which a normal 90 % interval covers 88 %, and the sandwich estimator is biased low by
+    # leverage.
     assert np.all(covered / 300.0 > 0.83)
-    # The speed changes within strokes: errors that a stroke shares cost it nothing, and the floor
-    # of white noise makes its interval wide. The constant is known as well as the strokes allow.
+    # The speed changes within strokes: errors common to a stroke do not affect its coefficient, and
+    # the floor of white noise makes its interval wide. The constant is known as well as the strokes
+    # allow.
     assert covered[2] / 300.0 < 0.96
 
 
 def test_independent_rows_would_claim_too_much():
-    """The same errors, each row for itself: the intervals are those of white noise."""
+    """With the same errors but a cluster per row, the intervals are those of white noise."""
     covered = 0
     for seed in range(100):
         design, target, _ = drawn(100 + seed, 20, shared=0.2)
         found = regress(design, target, np.arange(len(target)), OPEN)
         covered += abs(found.values[2] - TRUTH[2]) < 1.645 * np.sqrt(found.covariance[2, 2])
-    # Errors of 0.2 A that 25 rows share beside 0.1 A of each row: the standard error of the mean
-    # is sqrt((0.2^2 + 0.1^2 / 25) / (0.2^2 + 0.1^2) * 25) = 4.5 times that of independent rows,
-    # and the interval holds in 28 %.
+    # Errors of 0.2 A common to 25 rows and 0.1 A of each row: the standard error of the mean is
+    # sqrt((0.2^2 + 0.1^2 / 25) / (0.2^2 + 0.1^2) * 25) = 4.5 times that of independent rows, and
+    # the interval covers 28 %.
     assert covered < 45

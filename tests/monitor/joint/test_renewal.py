@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Positions that are renewed more slowly than they are published change no tracking lag."""
+"""Positions that are updated more slowly than published do not change the tracking lag."""
 
 from dataclasses import replace
 
@@ -47,8 +47,8 @@ def test_position_is_on_the_line_between_renewals(held):
     assert held_samples(steps) == held
     step, error = 3e-3, between_renewals(steps, held)[:-held] - position[:-held]
     assert np.max(np.abs(steps - position)) > 0.9 * step * (held - 1)
-    # A line deviates by an eighth of acceleration times the square of its length, but where the
-    # motion begins and ends.
+    # Linear interpolation deviates by acceleration times length squared / 8, except at the
+    # beginning and end of the motion.
     assert np.percentile(np.abs(error), 99.0) < 1.01 * 9.0 * (1e-3 * held) ** 2 / 8.0
     assert np.max(np.abs(error)) <= step * held
 

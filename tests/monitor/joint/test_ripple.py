@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ripple of the effort along the position: found where there is one, and harmless to friction."""
+"""Ripple of the effort along the position: detected if present, and harmless to friction."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ SENSORS = Sensors()
 
 
 def motions(seed: int):
-    """Records whose motion differs: a ripple that repeats with the motion would look like noise."""
+    """Yield records with different motions: a ripple repeating with the motion looks like noise."""
     rng = np.random.default_rng(seed)
     return tones(30.0, speed=float(rng.uniform(0.9, 1.1)), size=float(rng.uniform(0.8, 1.1)))
 
@@ -79,7 +79,7 @@ def test_friction_under_a_ripple_is_as_exact_as_without(calibration):
 
 @pytest.mark.parametrize("shift", [0.0, 0.1])
 def test_phase_of_the_ripple_is_free_in_each_record(shift):
-    """An incremental encoder counts from another zero after each start."""
+    """An incremental encoder has a different zero after each start."""
     level = replace(COGGED, gravity=0.0)
     healthy = healthy_telemetry(level, SENSORS)
     calibration = calibrate_joint([window_of(one) for one in healthy], described(SENSORS))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The prediction from healthy records is that of the hierarchical model, and keeps its promises."""
+"""Predictions from healthy records follow the hierarchical model and have their stated power."""
 
 import math
 import statistics
@@ -17,10 +17,10 @@ RECORDS, BETWEEN = 0.006, 0.01
 
 
 def twin(nodes, values, variances, days, test, row=0.0, covariates=None):
-    """The mixture of the hierarchical model, by whole matrices: weights, means and variances.
+    """Return weights, means and variances of the mixture, computed with full matrices.
 
-    ``test`` is the day and the variance of the error of the record to predict. The mean, and the
-    slopes with a prior of 30 times the larger scatter, are integrated out.
+    ``test`` is the day of the record to predict and the variance of its error. The mean is
+    integrated out, and so are the slopes, whose prior is 30 times the larger scatter.
     """
     n = len(values)
     design = np.ones((n + 1, 1))
@@ -88,8 +88,8 @@ def test_grid_of_scatters_is_fine_enough(day):
     )
     found = scatter().predict(1e-4, day)
     exact = Prediction(weights, means, variances, weights)
-    # A grid to 2.5 standard deviations leaves out 1 % of the prior, which reaches the farthest: 3 %
-    # of the distance of a quantile that 0.05 % of the records pass.
+    # A grid to 2.5 standard deviations leaves out 1 % of the prior, which has the widest tails: 3 %
+    # of the distance of a quantile exceeded by 0.05 % of the records.
     for share in (0.0005, 0.05, 0.5, 0.95, 0.9995):
         expected = exact.quantile(share)
         away = 0.03 * abs(expected - exact.mean) + 0.02 * exact.sigma
@@ -97,20 +97,20 @@ def test_grid_of_scatters_is_fine_enough(day):
 
 
 def test_mixture_is_that_of_drawn_records():
-    """Draw days and records of the posterior, and count."""
+    """Draw days and records from the posterior, and count."""
     found = scatter().predict(1e-4, None)
     rng = np.random.default_rng(0)
     chosen = rng.choice(len(found.weights), 200_000, p=found.weights)
     drawn = found.means[chosen] + np.sqrt(found.variances[chosen]) * rng.standard_normal(200_000)
     for share in (0.05, 0.5, 0.95):
-        # Standard error of a share of 200,000 draws: 0.1 %.
+        # The standard error of a share of 200,000 draws is 0.1 %.
         assert np.mean(drawn < found.quantile(share)) == pytest.approx(share, abs=0.004)
 
 
 @pytest.mark.parametrize("share", [1e-4, 0.0005, 0.05, 0.3, 0.5, 0.9, 0.9995])
 def test_quantile_inverts_the_distribution(share):
     found = scatter().predict(1e-4, None)
-    # A millionth of the range of the bracket, 16 standard deviations, at the peak of the density.
+    # A millionth of the bracket of 16 standard deviations, at the peak of the density.
     assert found.below(found.quantile(share)) == pytest.approx(share, abs=1e-5, rel=1e-3)
 
 
@@ -118,7 +118,7 @@ def test_probability_is_small_far_from_the_middle_and_one_in_it():
     found = scatter().predict(1e-4, None)
     assert found.probability(found.quantile(0.5)) == pytest.approx(1.0, abs=1e-4)
     assert found.probability(found.quantile(0.9995)) == pytest.approx(0.001, rel=1e-2)
-    # Far out it is tiny, and not 0: the distribution function keeps its lower tail.
+    # Far out it is tiny but not 0: the distribution function keeps its lower tail.
     assert found.probability(found.mean + 6.0 * float(np.sqrt(np.max(found.variances)))) > 0.0
 
 
@@ -133,14 +133,14 @@ def test_more_days_narrow_the_prediction_and_records_of_one_day_hardly_do():
     one_day = [1.0 + 0.006 * rng.standard_normal() for _ in range(12)]
     sigmas = [sigma(many[:days], range(days)) for days in (2, 4, 12)]
     assert sigmas == sorted(sigmas, reverse=True)
-    # The scatter between days is as unknown after twelve records of one day as before.
+    # After twelve records of one day, the scatter between days is as unknown as before.
     assert sigma(one_day, [0] * 12) > 1.2 * sigmas[-1]
 
 
 def test_record_of_a_day_with_healthy_records_is_predicted_better():
     same, other = (scatter().predict(1e-4, day) for day in (0, 77))
     assert same.sigma < 0.95 * other.sigma
-    # And around the records of its day: day 1 was high.
+    # And its prediction is near the records of its day: day 1 was high.
     assert scatter().predict(1e-4, 1).mean > other.mean
 
 
@@ -150,10 +150,10 @@ def test_error_of_the_record_adds_to_the_variance():
 
 
 def test_wide_errors_of_the_healthy_records_do_not_narrow_the_scatter():
-    """Records without information leave the prior as it is."""
+    """Records without information leave the prior unchanged."""
     vague = scatter(np.zeros(6), np.full(6, 100.0)).variance
     squares = RECORDS**2 + BETWEEN**2
-    # The mean square of a log-normal scatter cut off at 2.5 standard deviations.
+    # The mean square of a log-normal scatter truncated at 2.5 standard deviations.
     z = np.linspace(-2.5, 2.5, NODES)
     mean_square = np.average(np.exp(2.0 * SPREAD * z), weights=np.exp(-0.5 * z**2))
     assert vague == pytest.approx(squares * mean_square, rel=1e-3)
@@ -181,10 +181,10 @@ def test_smallest_change_is_found_with_the_stated_power(significance, days):
         alarms += found.probability(later) < significance
         changed = later + found.smallest_change(significance, 0.9)
         detected += found.probability(changed) < significance
-    # 90 % of 500 has a standard deviation of 1.3 %; cutting the priors at 2.5 standard deviations
-    # takes less than 1 %.
+    # 90 % of 500 has a standard deviation of 1.3 %; truncating the priors at 2.5 standard
+    # deviations costs less than 1 %.
     assert detected / count == pytest.approx(0.9, abs=0.04)
-    # The rate of false alarms, with four standard deviations, and the cut of the priors.
+    # The rate of false alarms, with four standard deviations and the truncation of the priors.
     assert alarms / count < significance + 4.0 * math.sqrt(significance / count) + 1e-3
 
 
@@ -202,10 +202,10 @@ def test_smallest_change_is_found_with_the_stated_power_for_any_scatter_between_
         prediction = scatter(values, np.full(9, error**2), numbers).predict(error**2)
         limit = prediction.quantile(0.9995)
         missed = limit - prediction.smallest_change(1e-3, 0.9)
-        # The records are of a unit whose mean is 0.
+        # The records belong to a unit whose mean is 0.
         found.append(1.0 - statistics.NormalDist(0.0, whole).cdf(missed))
-    # Three days vary by 20 % to 40 % in what they show: the mean of 150 has a standard error of
-    # 1.5 %. Beyond five times the median the grid of scatters ends.
+    # The information of three days varies by 20 % to 40 %: the mean of 150 has a standard error of
+    # 1.5 %. The grid of scatters ends beyond five times the median.
     assert 0.86 < np.mean(found) < 0.97
 
 
@@ -229,5 +229,5 @@ def test_interval_holds_for_any_scatter_between_days(ratio):
         low, high = prediction.interval((0.05, 0.95))
         later = math.hypot(math.hypot(day, 0.5 * day), error) * rng.standard_normal()
         held += low <= later <= high
-    # The grid of scatters ends: it bounds very small ones from below. 300 draws: 1.7 %.
+    # The end of the grid of scatters bounds very small ones from below. 300 draws: 1.7 %.
     assert 0.85 < held / count < (0.96 if ratio >= 1.0 else 1.0)

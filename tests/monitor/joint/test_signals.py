@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All columns of a record pass one filter without phase, whose band follows the motion."""
+"""All columns of a record pass through one zero-phase filter, whose band follows the motion."""
 
 from dataclasses import replace
 
@@ -19,10 +19,10 @@ def test_parabola_keeps_its_curvature_and_is_only_lifted_by_the_variance_of_the_
     t, sigma = np.arange(-200.0, 201.0), 7.0
     inner = slice(40, -40)
     lifted = smoothed(t**2, sigma) - t**2
-    # The mean of (t + e)^2 is t^2 + sigma^2, for every t. Cutting the Gaussian at four standard
+    # The mean of (t + e)^2 is t^2 + sigma^2 for every t. Truncating the Gaussian at four standard
     # deviations lowers its variance by 0.1 %.
     np.testing.assert_allclose(lifted[inner], sigma**2, rtol=2e-3)
-    # Zero phase: a line stays where it is.
+    # Zero phase: a line is unchanged.
     np.testing.assert_allclose(smoothed(t, sigma)[inner], t[inner], atol=1e-9)
 
 
@@ -38,7 +38,7 @@ def test_columns_filtered_together_and_alone_are_equal():
 
 
 def test_linear_relation_between_columns_survives_the_filter():
-    """An effort that is a sum of the measured columns is the same sum of the rows."""
+    """If the effort is a sum of the measured columns, the filtered rows have the same sum."""
     motion = tones(20.0)
     telemetry = telemetry_of(Joint(), motion, Sensors(noise=0.0, speed=True))
     columns = telemetry.position, telemetry.speed
@@ -82,10 +82,10 @@ def test_band_scales_with_the_speed_of_the_motion():
 @pytest.mark.parametrize("h", [0.001, 0.01])
 @pytest.mark.parametrize("step", [0.0, 2 * np.pi / 16384, 2 * np.pi / 4096])
 def test_counting_at_a_constant_speed_does_not_widen_the_band(h, step):
-    """At 0.5 rad/s an encoder steps at fixed frequencies, with twice the speed in each."""
+    """At 0.5 rad/s, the steps of an encoder have fixed frequencies."""
     record = telemetry_of(Joint(), ramps(h=h), Sensors(step=step))
     # A square wave of 0.25 Hz has 81 % of its power there, and 95 % up to its fifth harmonic;
-    # reversals of 0.1 s take little of that.
+    # reversals of 0.1 s reduce this little.
     assert motion_band(record) == pytest.approx(1.25, abs=0.03)
 
 
@@ -105,7 +105,7 @@ def test_strokes_are_counted_by_reversals_and_long_ones_in_pieces(strokes):
     position = 0.01 * np.cumsum(speed)
     telemetry = Telemetry(0, 0.01, 1, position, speed, position, np.empty(0))
     lost = np.zeros(len(t), dtype=bool)
-    lost[400:450] = True  # a gap divides no stroke
+    lost[400:450] = True  # A gap does not divide a stroke.
     for one in (telemetry, replace(telemetry, interpolated=lost)):
         signals = filtered(
             block_means(one, described(), 2.0), PREPARATION._replace(usual_speed=1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A healthy record is doubtful as rarely as promised, however little is known of the scatter."""
+"""A healthy record is doubtful as rarely as stated, even if the scatter is poorly known."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from ema_monitor.joint.single import DOUBT, SIGNIFICANCE, Observation, SingleTes
 
 @pytest.mark.parametrize("days", [1, 2, 3, 8])
 def test_healthy_records_are_doubtful_as_rarely_as_their_probability_states(days):
-    """Also after one day, whose prediction has wide tails."""
+    """This holds also after one day, when the prediction has wide tails."""
     rng = np.random.default_rng(days)
     healthy = [
         Observation(float(value), 0.004, day)

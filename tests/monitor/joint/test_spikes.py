@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spikes of the effort are replaced, and nothing else is."""
+"""Spikes of the effort, and no other samples, are replaced."""
 
 from dataclasses import replace
 
@@ -61,7 +61,7 @@ def test_spikes_are_replaced_by_their_neighbours(noise, size):
 @pytest.mark.parametrize("noise", [0.0, 0.05, 1.0, 20.0])
 @pytest.mark.parametrize("step", [0.0, 0.5])
 def test_effort_without_spikes_is_unchanged(motion: Motion, noise, step):
-    """Steps of friction, quantisation and normal noise are no spikes."""
+    """Steps of friction, quantisation and normal noise are not spikes."""
     telemetry = telemetry_of(replace(JOINT, stribeck=1.0), motion, Sensors(noise=noise))
     if step:
         telemetry = replace(telemetry, current=step * np.round(telemetry.current / step))
@@ -71,7 +71,7 @@ def test_effort_without_spikes_is_unchanged(motion: Motion, noise, step):
 @pytest.mark.parametrize("h", [0.02, 0.05, 0.1, 0.2])
 @pytest.mark.parametrize("seed", range(3))
 def test_short_peaks_of_a_coarse_record_are_no_spikes(h, seed):
-    """Inertia of a quick joint makes peaks of one sample in a record of a low rate."""
+    """The inertia of a quick joint gives peaks of one sample in a record with a low rate."""
     fine = telemetry_of(Joint(inertia=2.0), places(h=0.002, seed=seed), EXACT)
     every = round(h / 0.002)
     columns = {name: getattr(fine, name)[::every] for name in ("command", "current", "position")}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A joint that stands still is a value; words and units are made where it is shown."""
+"""A standstill is stored as values; text and units are added when it is shown."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,7 @@ def calibration() -> JointCalibration:
     ],
 )
 def test_cause_of_a_standstill(calibration, effort: float, command: float, cause):
-    """Effort over the healthy friction, and command over that of the healthy records."""
+    """The effort is relative to the healthy friction, the command to that of healthy records."""
     moving = telemetry_of(JOINT, tones(), Sensors(), seed=9)
     friction = calibration.baseline.friction
     record = replace(
@@ -50,7 +50,7 @@ def test_cause_of_a_standstill(calibration, effort: float, command: float, cause
     ("lead", "travels"), [(0.0, ("0.5 rad", "1 rad")), (0.01, ("0.8 mm", "1.6 mm"))]
 )
 def test_travel_is_shown_in_the_unit_of_the_axis(lead: float, travels: tuple[str, str]):
-    """A lead of 10 mm moves 1.6 mm in a radian."""
+    """With a lead of 10 mm, a radian is 1.6 mm."""
     angle = angle_shown(described(lead=lead).parameters)
     text = text_of(STANDSTILL.reason(DisplayUnit("N.m", 1.0), angle))
     assert f"the command travels {travels[0]}: command at least {travels[1]}" in text

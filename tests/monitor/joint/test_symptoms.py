@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model-free figures depart from what the healthy records show, however much these scatter."""
+"""Model-free figures depart only beyond the scatter of the healthy records."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from .baselines import HEALTHY, SEPARATE, baseline_of, record_of
 
 @pytest.mark.parametrize("scatter", [0.005, 0.02, 0.1, 0.3])
 def test_healthy_figures_of_any_scatter_do_not_depart(scatter):
-    """Up to 20 times the prior median of the tracking error of a motion that repeats."""
+    """The scatter is up to 20 times the prior median of the tracking error of repeating motion."""
     rng = np.random.default_rng(11)
     alarms = 0
     for _ in range(10):
@@ -21,7 +21,7 @@ def test_healthy_figures_of_any_scatter_do_not_depart(scatter):
         for number in range(20):
             record = record_of(HEALTHY, day=SEPARATE + number, figures=drawn_figures(rng, scatter))
             alarms += bool(comparer.figures(record, 0.0).figures)
-    # Two figures of 0.1 % each in 200 records are 0.4 alarms.
+    # Two figures at 0.1 % each in 200 records are 0.4 alarms.
     assert alarms <= 2
 
 

@@ -70,7 +70,7 @@ def test_falling_friction_is_no_rise():
 
 
 def test_worn_joint_is_not_accepted_while_it_gets_worse(tmp_path: Path):
-    """With three records a day, each record alone is within the scatter of the days."""
+    """With three records a day, each single record is within the scatter of the days."""
     with UnitBaseline(tmp_path, JOINT) as baseline:
         for number in range(20):
             baseline.add(record(number, number // 3, 1.0 + 0.1 * number))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The healthy windows of a calibration judge later ones of the same motion."""
+"""The healthy windows of a calibration judge later windows with the same motion."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -28,7 +28,7 @@ def test_window_departs_where_its_figures_do(healthy):
 
 
 def test_stretches_are_compared_with_means_of_as_many_healthy_windows():
-    """A load that swings from window to window hides a change of one, not of the mean of three."""
+    """A load that varies between windows hides a change in one window, but not in three."""
     loads = 0.1 + 0.03 * np.tile([-1.0, 0.0, 1.0], 5)
     healthy = WindowBaseline.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
@@ -73,7 +73,7 @@ def test_file_holds_all_of_it(healthy):
 
 
 def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
-    """Without that, the loads would be the scatter, and a load would explain what departs."""
+    """Otherwise the loads would count as scatter, and a load would explain a departure."""
     loads = [0.1, 0.4] * 6
     healthy = WindowBaseline.of(
         slide(load=load, noise=0.02, seed=seed) for seed, load in enumerate(loads)
@@ -86,7 +86,7 @@ def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
         is_known = load < 0.5
         assert (same.is_significant, same.load_explains) == (not is_known, not is_known)
         assert (dry.is_significant, dry.load_explains) == (True, not is_known)
-    # Of a load that one window alone had nothing is known.
+    # A load with only one window cannot be judged.
     once = WindowBaseline(
         (*healthy.windows, *WindowBaseline.of([slide(load=0.8, noise=0.02)]).windows)
     )
@@ -123,7 +123,7 @@ def test_day_that_may_be_what_differs_is_stated(healthy):
 
 
 def later(stamp_ns: int, *, state: str = "", **changes):
-    """A slide of another time, its friction and roughness by its state."""
+    """Return a slide at another time, with friction and roughness of its state."""
     changed = {"dry 1": {"friction": 0.66}, "dry 2": {"friction": 0.72}, "": {}}[state] | changes
     return replace(slide(noise=0.02, seed=stamp_ns, **changed), stamp_ns=stamp_ns)
 
@@ -165,13 +165,13 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         assert (found.states, words in found.likeness) == ({}, True)
     assert list(known.without("dry 1").states()) == [HEALTHY, "dry 2"]
     assert healthy.with_labels_of(known) == known
-    # A figure that the labelled tests have may be missing.
+    # A figure of the labelled tests may be missing.
     lacking = figures_of(later(50, state="dry 1"))
     del lacking[0].values["rest_current"]
     found = known.departure(50, lacking)
     assert found
     assert "dry 1" in found.states
-    # Labelled anew, and of another load, no state is known by three tests.
+    # Labelled again, and with another load, no state has three tests.
     anew = labelled(known, "dry 2", later(3, state="dry 1"))
     assert anew.states() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
     with_loads = WindowBaseline(

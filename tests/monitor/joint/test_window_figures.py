@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a window follow its motion, and only like motions are compared."""
+"""Figures of a window depend on its motion, and only similar motions are compared."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ H = 0.04
 
 
 def slide(*, friction=0.6, load=0.1, rest=0.3, noise=0.0, signed=True, seconds=30.0, seed=0):
-    """Telemetry of strokes at one speed with a rest between them."""
+    """Return telemetry of strokes at one speed with rests in between."""
     rng = np.random.default_rng(seed)
     phase = (np.arange(round(seconds / H)) * H) % 10.0
     speed = np.select([phase < 3.0, (phase >= 5.0) & (phase < 8.0)], [1.0, -1.0], 0.0)
@@ -39,7 +39,7 @@ def test_levels_are_those_of_each_direction_with_and_without_sign(signed):
 
 def test_scatter_and_roughness_are_those_of_white_noise():
     features = mean_of(figures_of(slide(noise=0.05, seconds=600.0)))
-    # Within a stroke of 60 samples a line takes 2 of 60 degrees of freedom.
+    # In a stroke of 60 samples, a line takes 2 of 60 degrees of freedom.
     assert np.exp(features["current_scatter_forward"]) == pytest.approx(0.05, rel=0.05)
     assert np.exp(features["current_roughness_backward"]) == pytest.approx(0.05 * 2**0.5, rel=0.05)
     assert np.exp(features["error_scatter_backward"]) == pytest.approx(0.005, rel=0.05)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A position that counts from another zero is named beside the changes that it looks like."""
+"""A position with a different zero is named as a rival of the changes that look alike."""
 
 import math
 from dataclasses import replace
@@ -43,7 +43,7 @@ def calibration(motion) -> JointCalibration:
 
 
 def measured(joint: Joint, motion: Motion, by: float = 0.0, seed: int = 9) -> Telemetry:
-    """Return a record whose position counts from another zero."""
+    """Return a record whose position is shifted by ``by`` [rad]."""
     telemetry = telemetry_of(joint, motion, Sensors(), seed=seed, day=60)
     return replace(telemetry, position=telemetry.position + by, command=telemetry.command + by)
 
