@@ -67,7 +67,7 @@ def rival(name: str, of: str, change: float) -> QuantityChange:
 
 def comparison(*special: QuantityChange, **more: Any) -> Comparison:
     """Return a comparison that judges everything but play and tracking lag, with ``special``."""
-    by_name = {one.name: one for one in special}
+    by_name = {quantity.name: quantity for quantity in special}
     quantities = tuple(
         by_name.get(name)
         or (not_judged(name, _REASONS[name]) if name in _REASONS else unchanged(name))
@@ -100,11 +100,11 @@ def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
     faults, covariance = np.full(N_FAULTS, math.nan), np.full((N_FAULTS, N_FAULTS), math.nan)
     unobservable = np.ones(N_FAULTS, dtype=bool)
     for number, name in enumerate(FAULT_NAMES[:2]):
-        one = of[{"friction": FRICTION, "backlash": PLAY}[name]]
-        if one.is_judged:
-            faults[number] = min(max(one.change / 2.0, 0.0), 1.0)
+        quantity = of[{"friction": FRICTION, "backlash": PLAY}[name]]
+        if quantity.is_judged:
+            faults[number] = min(max(quantity.change / 2.0, 0.0), 1.0)
             covariance[number] = covariance[:, number] = 0.0
-            covariance[number, number] = ((one.high - one.low) / (2.0 * 2.0 * 1.645)) ** 2
+            covariance[number, number] = ((quantity.high - quantity.low) / (2.0 * 2.0 * 1.645)) ** 2
             unobservable[number] = False
     covariance[np.ix_(unobservable, ~unobservable)] = math.nan
     covariance[np.ix_(~unobservable, unobservable)] = math.nan

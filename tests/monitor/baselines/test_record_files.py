@@ -41,7 +41,7 @@ def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Pat
     )
 
 
-def test_record_without_speed_and_command_stays_without_them(tmp_path: Path):
+def test_record_without_speed_and_command_is_restored_without_them(tmp_path: Path):
     telemetry = replace(record(0).telemetry, command=np.zeros(0), speed=np.zeros(0))
     files = RecordFiles(tmp_path)
     stored = files.add(replace(record(0), telemetry=telemetry))
@@ -49,7 +49,7 @@ def test_record_without_speed_and_command_stays_without_them(tmp_path: Path):
     assert files.read([stored])[0].telemetry.missing == ("command", "speed")
 
 
-def test_record_that_was_stored_without_a_payload_is_read_without_it(tmp_path: Path):
+def test_record_stored_without_a_payload_is_read_without_it(tmp_path: Path):
     files = RecordFiles(tmp_path)
     stored = files.add(record(0))
     assert stored is not None
@@ -60,14 +60,14 @@ def test_record_that_was_stored_without_a_payload_is_read_without_it(tmp_path: P
     assert not read.telemetry.has_payload
 
 
-def test_record_of_a_replay_is_stored_once(tmp_path: Path):
+def test_repeated_record_is_stored_once(tmp_path: Path):
     files = RecordFiles(tmp_path)
     assert files.add(record(1)) is not None
     assert files.add(record(1)) is None
     assert RecordFiles(tmp_path).add(record(1)) is None
 
 
-def test_damaged_record_is_left_out_and_deleted(tmp_path: Path):
+def test_damaged_record_is_ignored_and_deleted(tmp_path: Path):
     files = RecordFiles(tmp_path)
     good, bad = (files.add(record(number)) for number in (0, 1))
     assert good is not None
@@ -80,7 +80,7 @@ def test_damaged_record_is_left_out_and_deleted(tmp_path: Path):
     assert files.stored == [good]
 
 
-def test_surplus_records_leave_every_day_represented():
+def test_thinned_records_keep_every_day():
     records = [
         StoredRecord(START_NS + day * NS_A_DAY + number * 10**9, Path(f"{day}-{number}"))
         for day, count in enumerate((40, 3, 20))
@@ -123,7 +123,7 @@ def test_no_damage_of_a_record_raises_an_error(tmp_path: Path, seed: int):
         assert len(damaged_files.read(damaged_files.stored)) <= 1
 
 
-def test_record_that_cannot_be_read_is_an_error_and_remains(tmp_path: Path, monkeypatch):
+def test_unreadable_record_is_an_error_and_is_kept(tmp_path: Path, monkeypatch):
     files = RecordFiles(tmp_path)
     stored = files.add(record(0))
     assert stored is not None

@@ -44,7 +44,7 @@ def learned(folder: Path, count: int, **friction: float) -> UnitBaseline:
     return baseline
 
 
-def test_baseline_is_learned_accepted_and_found_by_the_calibration_pattern(tmp_path: Path):
+def test_baseline_is_learned_accepted_and_matches_the_calibration_pattern(tmp_path: Path):
     with learned(tmp_path, 6) as baseline:
         assert not baseline.is_accepted
         assert baseline.is_fit_due
@@ -132,7 +132,7 @@ def test_extension_adds_candidates_and_reset_keeps_the_history(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_numbers_of_records_are_bounded(tmp_path: Path):
+def test_numbers_of_records_are_limited(tmp_path: Path):
     with UnitBaseline(tmp_path, JOINT) as baseline:
         for number in range(MOST_RECORDS + 5):
             baseline.add(record(number))
@@ -145,7 +145,7 @@ def test_numbers_of_records_are_bounded(tmp_path: Path):
         assert baseline.candidates == []
 
 
-def test_person_is_named(tmp_path: Path):
+def test_person_is_required(tmp_path: Path):
     with learned(tmp_path, 3) as baseline:
         for person in ("", "x" * 61, "\x00"):
             with pytest.raises(ValueError, match="person: expected"):
@@ -164,7 +164,7 @@ def test_records_without_a_clock_count_as_one_day(tmp_path: Path):
         assert set(baseline.calibration.baseline.days) == {0}
 
 
-def test_one_process_holds_a_baseline_and_its_kill_releases_it(tmp_path: Path):
+def test_only_one_process_uses_a_baseline_and_its_kill_releases_it(tmp_path: Path):
     command = [sys.executable, "-c", HOLDER, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
@@ -184,7 +184,7 @@ def kill(*_: object) -> None:
 
 
 @pytest.mark.parametrize("is_written", [False, True])
-def test_kill_within_an_acceptance_leaves_all_or_nothing(
+def test_kill_during_an_acceptance_leaves_all_or_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_written: bool
 ):
     """The history is written before the change takes effect, and opening completes the change."""
@@ -201,7 +201,7 @@ def test_kill_within_an_acceptance_leaves_all_or_nothing(
         assert len(again.candidates) == (0 if is_written else 4)
 
 
-def test_kill_within_a_reset_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_kill_during_a_reset_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     baseline = learned(tmp_path, 4)
     baseline.accept("Ada")
     with monkeypatch.context() as patch:
@@ -214,7 +214,7 @@ def test_kill_within_a_reset_is_completed(tmp_path: Path, monkeypatch: pytest.Mo
         assert again.candidates == []
 
 
-def test_line_of_the_history_that_is_cut_off_harms_no_other(tmp_path: Path):
+def test_truncated_line_of_the_history_affects_no_other_line(tmp_path: Path):
     with learned(tmp_path, 3) as baseline:
         change = baseline.accept("Ada")
     file = unit_folder(tmp_path, "elbow/1", "7") / "changes.jsonl"

@@ -17,10 +17,10 @@ from .baselines import HEALTHY, USUAL_SPEED, baseline_of, record_of
 
 def test_record_is_labelled_with_its_state():
     baseline = baseline_of()
-    record, other = record_of(HEALTHY, day=40), record_of(HEALTHY, day=41)
-    labelled = baseline.with_record("dry", record).with_record("worn", other)
-    assert [(one.state, one.record) for one in labelled.labelled] == [
-        ("dry", record), ("worn", other),
+    record, second = record_of(HEALTHY, day=40), record_of(HEALTHY, day=41)
+    labelled = baseline.with_record("dry", record).with_record("worn", second)
+    assert [(label.state, label.record) for label in labelled.labelled] == [
+        ("dry", record), ("worn", second),
     ]  # fmt: skip
     assert labelled.states() == {"healthy": 9, "dry": 1, "worn": 1}
     assert labelled.records == baseline.records
@@ -35,13 +35,13 @@ def test_label_of_a_record_replaces_its_earlier_label():
     assert (label.state, label.record) == ("worn", again)
 
 
-def test_healthy_record_of_the_baseline_is_not_labelled():
+def test_healthy_record_of_the_baseline_cannot_be_labelled():
     baseline = baseline_of()
     with pytest.raises(ValueError, match="it is one of the healthy records of the calibration"):
         baseline.with_record("dry", baseline.records[4])
 
 
-def test_further_records_of_several_days_are_on_days_of_their_own():
+def test_hypothetical_records_are_on_additional_days():
     baseline = baseline_of(days=3, a_day=2)
     extended = baseline.extended(6, 2)
     last = max(baseline.days)
@@ -53,7 +53,7 @@ def test_further_records_of_several_days_are_on_days_of_their_own():
 @pytest.mark.slow
 @pytest.mark.parametrize("days", [2, 3, 4])
 @pytest.mark.parametrize("scatter", [0.004, 0.008, 0.016])
-def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, scatter):
+def test_additional_days_lower_the_smallest_change_as_predicted(days, scatter):
     """Baselines with the same seed share their first days."""
     predicted, reached = [], []
     for seed in range(12):
@@ -72,11 +72,11 @@ def of_motion(speeds, travels):
     base = baseline_of(a_day=len(speeds) // 3)
     records = zip(base.records, speeds, travels, strict=True)
     return replace(
-        base, records=tuple(replace(one, usual_speed=v, travel=x) for one, v, x in records)
+        base, records=tuple(replace(record, usual_speed=v, travel=x) for record, v, x in records)
     )
 
 
-def test_motion_that_repeats_is_separated_from_motion_alike_by_chance():
+def test_repeating_motion_is_distinguished_from_motion_alike_by_chance():
     """The speeds of a sweep with random start scatter by 2 %, and within 5 % for most units."""
     rng = np.random.default_rng(3)
     repeated, by_chance = 0, 0
@@ -90,19 +90,19 @@ def test_motion_that_repeats_is_separated_from_motion_alike_by_chance():
     assert by_chance <= 10
 
 
-def test_motion_that_accelerates_otherwise_each_time_does_not_repeat():
+def test_motion_with_different_accelerations_does_not_repeat():
     """Sweeps of one speed and travel with random starts differ in roughness by a third."""
     base = of_motion(np.full(9, USUAL_SPEED), np.full(9, 2.0))
     steps = np.log([1.0, 1.01, 0.99] * 3)
     for scale, repeats in ((1.0, True), (12.0, False)):
         records = (
-            replace(one, figures={SPEED_STEPS: scale * step})
-            for one, step in zip(base.records, steps, strict=True)
+            replace(record, figures={SPEED_STEPS: scale * step})
+            for record, step in zip(base.records, steps, strict=True)
         )
         assert replace(base, records=tuple(records)).repeats is repeats
 
 
-def test_another_pace_makes_friction_uncertain_by_the_share_of_the_inertia():
+def test_different_speed_to_travel_ratio_makes_friction_uncertain_by_the_share_of_the_inertia():
     """Speed and travel are within the healthy ranges, but their ratio is not."""
     speeds, travels = USUAL_SPEED * np.array([0.8, 1.0, 1.2] * 3), np.array([1.6, 2.0, 2.4] * 3)
     base = of_motion(speeds, travels)

@@ -102,7 +102,7 @@ def test_change_in_records_with_scatter_and_error_is_named_or_a_rival(comparer, 
     assert named >= 18
 
 
-def test_payload_is_gravity_and_inertia_together(comparer):
+def test_payload_changes_gravity_and_inertia_together(comparer):
     record = record_of(changed(comparer.baseline.healthy, gravity=1.6, inertia=1.25))
     found = comparer.compare(record)
     assert names(found) == {GRAVITY, INERTIA}
@@ -111,7 +111,7 @@ def test_payload_is_gravity_and_inertia_together(comparer):
     assert found[FRICTION].judgement is Judgement.UNCHANGED
 
 
-def test_payload_that_changes_the_gravity_at_the_centre_is_no_friction():
+def test_payload_that_changes_the_gravity_at_the_centre_is_not_mistaken_for_friction():
     """The constant load increases too: a weaker motor with less friction would look alike."""
     healthy = np.array([1.2, 0.08, 0.75, 1.6, 1.0])
     comparer = Comparer(baseline_of(healthy=healthy, scatter=0.005))
@@ -158,7 +158,7 @@ def _with_payload(values, payload: float):
 
 
 @pytest.mark.parametrize("payload", [-0.1, 0.1])
-def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
+def test_varying_payload_is_no_evidence_of_torque_per_ampere(payload):
     """In healthy records too, gravity and inertia rise together, as if the motor were weaker."""
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
 
 @pytest.mark.parametrize("count", [6, 10])
 @pytest.mark.parametrize("seed", range(8))
-def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
+def test_payloads_that_vary_with_the_task_are_no_change(count: int, seed: int):
     """Payloads of 10 % change inertia, gravity, and the load, which is gravity at the centre."""
     rng = np.random.default_rng(seed)
 
@@ -199,7 +199,7 @@ def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
 
 
 @pytest.mark.parametrize(("error", "is_changed"), [(0.3, True), (0.02, False), (0.9, False)])
-def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, is_changed: bool):
+def test_effort_outside_the_model_makes_friction_uncertain(error: float, is_changed: bool):
     """Effort outside the model biases the friction, and differently with another payload."""
     records = [{"friction_error": 0.25 + 0.01 * at} for at in range(9)]
     baseline = baseline_of(records=records, shape=replace(SHAPE, friction_error=0.29))
@@ -211,13 +211,13 @@ def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, 
     assert FRICTION in names(certain)
 
 
-def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
+def test_payload_correlates_gravity_and_inertia():
     def correlation(payload: float) -> float:
         rng = np.random.default_rng(3)
         base = baseline_of(scatter=0.003, days=3, a_day=6)
         records = tuple(
-            replace(one, values=_with_payload(one.values, payload * rng.uniform(-1.0, 1.0)))
-            for one in base.records
+            replace(record, values=_with_payload(record.values, payload * rng.uniform(-1.0, 1.0)))
+            for record in base.records
         )
         spread = Comparer(replace(base, records=records)).spread
         pair = [INERTIA_COLUMN, GRAVITY_COLUMN]
@@ -229,7 +229,7 @@ def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
     assert abs(correlation(0.0)) < 0.3
 
 
-def test_torque_has_no_witness_where_only_friction_is_visible():
+def test_torque_cannot_be_judged_if_only_friction_is_visible():
     shape = Shape(coulomb=1.0, has_inertia=False, has_viscous=False)
     healthy = np.array([1.0, 0.0, 0.0, 0.1, 1.0])
     comparer = Comparer(baseline_of(healthy=healthy, shape=shape))
@@ -243,7 +243,7 @@ def test_torque_has_no_witness_where_only_friction_is_visible():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_what_departs_is_never_called_unchanged(seed):
+def test_departing_record_is_never_called_unchanged(seed):
     """The records have any combination of changes of any size, and any error."""
     rng = np.random.default_rng(seed)
     comparer = Comparer(baseline_of(seed, days=1 + seed, a_day=3))
@@ -265,7 +265,7 @@ def test_what_departs_is_never_called_unchanged(seed):
 
 
 @pytest.mark.slow
-def test_unchanged_quantity_is_below_the_change_that_would_show(comparer):
+def test_unchanged_quantity_is_below_its_smallest_detectable_change(comparer):
     rng = np.random.default_rng(5)
     for number in range(50):
         found = comparer.compare(drawn(rng, SEPARATE + number, drawn_effects(rng, 0.01)))
@@ -292,7 +292,7 @@ def test_healthy_records_of_the_assumed_scatter_give_no_alarm():
 
 
 @pytest.mark.slow
-def test_doubtful_change_is_not_judged_rather_than_unchanged(comparer):
+def test_doubtful_change_is_not_judged_instead_of_unchanged(comparer):
     """Between three standard deviations and significance, friction is not judged."""
     healthy, seen = comparer.baseline.healthy, []
     for factor in np.linspace(1.02, 1.1, 81):
@@ -308,7 +308,7 @@ def test_doubtful_change_is_not_judged_rather_than_unchanged(comparer):
     assert steps[-1] is Judgement.CHANGED
 
 
-def test_record_of_a_healthy_day_needs_less_change(comparer):
+def test_smaller_changes_are_detectable_on_a_day_with_healthy_records(comparer):
     same, other = comparer.smallest_changes_of_a_day, comparer.smallest_changes
     assert same.keys() == other.keys() == set(OF_COEFFICIENTS)
     assert all(same[name] < other[name] for name in same)
@@ -332,7 +332,7 @@ def test_more_days_lower_the_smallest_change_as_predicted():
     assert np.mean(predicted) == pytest.approx(np.mean(reached), rel=0.2)
 
 
-def test_gaps_name_what_the_healthy_records_lack():
+def test_gaps_name_the_missing_healthy_records():
     assert baseline_of(days=1, a_day=2).shortcomings == (
         Shortcoming.ONE_DAY,
         Shortcoming.FEW_RECORDS,
@@ -352,7 +352,7 @@ def test_load_has_the_unit_of_the_effort():
     assert found.change == pytest.approx(0.1, abs=0.01)
 
 
-def test_friction_over_inertia_is_that_of_the_coefficient_in_a_self_locking_gear(comparer):
+def test_friction_over_inertia_equals_the_coefficient_of_a_self_locking_gear(comparer):
     """Friction is 1.4 and inertia 1.1 times the healthy values."""
     record = record_of(changed(comparer.baseline.healthy, friction=1.4, inertia=1.1))
     found = comparer.compare(record)[FRICTION_OVER_INERTIA]
@@ -361,7 +361,7 @@ def test_friction_over_inertia_is_that_of_the_coefficient_in_a_self_locking_gear
     assert found.judgement is Judgement.CHANGED
 
 
-def test_every_quantity_is_answered_once_in_order(comparer):
+def test_every_quantity_is_judged_once_in_order(comparer):
     found = comparer.compare(record_of(HEALTHY))
     assert [one.name for one in found.quantities] == list(QUANTITIES)
     assert found[PLAY].judgement is Judgement.NOT_JUDGED
@@ -369,7 +369,7 @@ def test_every_quantity_is_answered_once_in_order(comparer):
     assert "no position command" in found[TRACKING].reason
 
 
-def test_record_of_another_motion_is_judged_with_less_certainty(comparer):
+def test_record_with_another_motion_is_judged_with_less_certainty(comparer):
     values = changed(comparer.baseline.healthy, friction=1.1)
     same = comparer.compare(record_of(values))
     faster = comparer.compare(record_of(values, usual_speed=1.4 * USUAL_SPEED))
@@ -417,7 +417,7 @@ def test_temperature_explains_the_scatter_of_viscous_friction_that_follows_it():
     assert abs(found[VISCOUS].change) < 0.03
 
 
-def test_temperature_is_not_used_where_nothing_follows_it():
+def test_temperature_is_not_used_if_nothing_follows_it():
     with_it = _warm(follows=False, seed=1)
     weights = np.eye(5)[DRY]
     record = record_of(HEALTHY, temperature=80.0)
@@ -478,7 +478,7 @@ def test_change_is_named_at_any_temperature_of_the_healthy_records(kelvin, chang
     assert rivals(found) == set()
 
 
-def test_effort_of_the_wrong_sign_is_a_change_and_no_error(comparer):
+def test_effort_of_the_wrong_sign_is_a_change_and_not_an_error(comparer):
     """With friction of -1 times the healthy one, the logarithm of the ratio does not exist."""
     found = comparer.compare(record_of(-comparer.baseline.healthy))
     assert found.changed

@@ -60,7 +60,7 @@ def test_curve_of_a_healthy_record_is_the_true_friction_within_the_band(joint: J
     assert np.mean(is_inside[covered]) > 0.8
 
 
-def test_friction_that_rises_leaves_the_band_at_every_speed():
+def test_increased_friction_leaves_the_band_at_every_speed():
     curve = curve_of(PLAIN, PLAIN.times(coulomb=1.5))
     covered = np.isfinite(curve.latest)
     beyond = np.where(
@@ -69,7 +69,7 @@ def test_friction_that_rises_leaves_the_band_at_every_speed():
     assert np.all(beyond[covered])
 
 
-def test_viscous_friction_that_rises_shows_in_proportion_to_the_speed():
+def test_increased_viscous_friction_is_proportional_to_the_speed():
     curve = curve_of(PLAIN, PLAIN.times(viscous=2.0))
     excess = curve.latest - 0.5 * (curve.healthy_low + curve.healthy_high)
     covered = np.isfinite(excess)

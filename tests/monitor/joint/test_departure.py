@@ -39,7 +39,7 @@ def test_healthy_tests_depart_no_more_often_than_stated(count, sigma, later_day)
     assert alarms <= (7 if (count, sigma) == (3, 0.07) else 3)
 
 
-def test_departure_names_what_changed_and_by_how_much():
+def test_departure_names_the_changed_figures_with_their_size():
     rng = np.random.default_rng(0)
     healthy = drawn(rng, 8, sigma=0.005)
     (later,) = drawn(rng, 1, sigma=0.005, shift=0.12)
@@ -51,14 +51,14 @@ def test_departure_names_what_changed_and_by_how_much():
     assert "scatter 3 is 1.5 times the healthy value" in str(departure_of(louder, healthy, FIGURES))
 
 
-def test_equal_healthy_tests_do_not_claim_that_there_is_no_scatter():
+def test_equal_healthy_tests_do_not_imply_zero_scatter():
     tests = drawn(np.random.default_rng(0), 8, sigma=0.0)
     for shift, expected in ((0.003, False), (0.06, True)):
         (later,) = drawn(np.random.default_rng(0), 1, sigma=0.0, shift=shift)
         assert departure_of(later, tests, FIGURES).is_significant == expected
 
 
-def test_drift_between_days_is_expected_before_it_was_seen_and_learned_from_days():
+def test_drift_between_days_is_assumed_at_first_and_learned_from_days():
     rng = np.random.default_rng(1)
     one_day = drawn(rng, 6, sigma=0.002)
     (same_day,) = drawn(rng, 1, sigma=0.002, shift=0.05)
@@ -83,7 +83,7 @@ def test_drift_between_days_is_expected_before_it_was_seen_and_learned_from_days
     assert departure_of(later, steady, FIGURES).is_significant
 
 
-def test_smallest_change_of_a_figure_is_found_in_90_percent():
+def test_smallest_change_is_detected_in_90_percent_of_tests():
     rng = np.random.default_rng(2)
     figure = {"level": FIGURES["level"]}
     found = 0
@@ -98,7 +98,7 @@ def test_smallest_change_of_a_figure_is_found_in_90_percent():
     assert found / 200 >= 0.84
 
 
-def test_too_few_tests_state_nothing():
+def test_too_few_tests_give_no_judgement():
     healthy = drawn(np.random.default_rng(0), 2)
     with pytest.raises(ValueError, match="2 healthy tests: expected 3"):
         departure_of(healthy[0], healthy, FIGURES)
@@ -127,7 +127,7 @@ def clusters(rng, centres, count=6, rows=3):
     return found
 
 
-def test_states_are_named_and_what_is_none_of_them():
+def test_states_are_named_and_unknown_states_are_not():
     rng = np.random.default_rng(0)
     centres = {"healthy": (0.0, 0.0), "dry 1": (1.0, 0.0), "dry 2": (2.0, 0.0), "play": (0.0, 2.0)}
     examples = examples_by_state(clusters(rng, centres))

@@ -35,7 +35,7 @@ def calibration() -> JointCalibration:
     return calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
 
 
-def test_elastic_gear_is_found(calibration):
+def test_elastic_gear_is_detected(calibration):
     assert calibration.baseline.preparation.is_elastic
 
 
@@ -52,7 +52,7 @@ def test_stiff_gear_is_not_mistaken_for_elastic(h, bits, noise, seed):
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7])
-def test_friction_of_an_elastic_gear_is_as_exact_as_of_a_stiff_gear(calibration, seed):
+def test_friction_of_an_elastic_gear_is_as_accurate_as_of_a_stiff_gear(calibration, seed):
     """Without jerk and snap, the errors are 0.2, 0.5 and 0.9 %."""
     worn = ELASTIC.times(coulomb=1.15)
     telemetry = telemetry_of(worn, places(seed=seed), SENSORS, seed=50, day=40)
@@ -63,7 +63,7 @@ def test_friction_of_an_elastic_gear_is_as_exact_as_of_a_stiff_gear(calibration,
     assert friction.change == pytest.approx(0.15, abs=0.003)
 
 
-def test_calibration_file_keeps_the_elasticity(calibration, tmp_path):
+def test_calibration_file_stores_the_elasticity(calibration, tmp_path):
     path = tmp_path / "calibration.yaml"
     calibration.save(path)
     loaded = load_calibration(path)
@@ -71,7 +71,7 @@ def test_calibration_file_keeps_the_elasticity(calibration, tmp_path):
     assert loaded.baseline.preparation == calibration.baseline.preparation
 
 
-def test_calibration_file_without_elasticity_is_of_a_stiff_gear(calibration, tmp_path):
+def test_calibration_file_without_elasticity_describes_a_stiff_gear(calibration, tmp_path):
     path = tmp_path / "calibration.yaml"
     calibration.save(path)
     content = yaml.safe_load(path.read_text())

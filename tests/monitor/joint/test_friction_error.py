@@ -91,7 +91,7 @@ def test_interval_of_changed_friction_has_the_error_of_the_healthy_friction(rati
     assert biased[INERTIA] == exact[INERTIA]
 
 
-def test_error_of_the_healthy_friction_leaves_an_unchanged_record_as_it_is():
+def test_error_of_the_healthy_friction_does_not_affect_an_unchanged_record():
     record = record_of(HEALTHY)
     exact, biased = (
         Comparer(baseline_of(shape=replace(SHAPE, friction_error=error))).compare(record)
@@ -127,7 +127,7 @@ def arm() -> list[tuple[Array, list[ArmTelemetry]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", JOINT_NAMES)
-def test_interval_of_friction_holds_for_all_joints_of_an_arm(arm, name):
+def test_interval_of_friction_is_valid_for_all_joints_of_an_arm(arm, name):
     at = JOINT_NAMES.index(name)
     description = ActuatorDescription(
         actuator_id=name,

@@ -51,7 +51,7 @@ def check_same(a: JointRecord, b: JointRecord) -> None:
         np.testing.assert_equal(getattr(a, item.name), getattr(b, item.name), item.name)
 
 
-def test_file_keeps_every_bit(calibration, path):
+def test_file_stores_the_calibration_exactly(calibration, path):
     loaded = load(path)
     assert loaded.calibration_id == calibration.calibration_id
     assert loaded.baseline.preparation == calibration.baseline.preparation
@@ -64,7 +64,7 @@ def test_file_keeps_every_bit(calibration, path):
     )  # fmt: skip
 
 
-def test_same_records_give_the_same_identity_and_others_another(calibration):
+def test_same_records_give_the_same_identity_and_others_a_different_one(calibration):
     again = calibrate_joint(
         [
             window_of(record, temperature=20.0)
@@ -81,7 +81,7 @@ def test_same_records_give_the_same_identity_and_others_another(calibration):
     assert smaller.calibration_id != calibration.calibration_id
 
 
-def test_label_changes_the_file_and_not_the_identity(calibration, path):
+def test_label_changes_the_file_but_not_the_identity(calibration, path):
     with_label = labelled(calibration)
     assert with_label.calibration_id == calibration.calibration_id
     with_label.save(path)
@@ -92,7 +92,7 @@ def test_label_changes_the_file_and_not_the_identity(calibration, path):
     assert loaded.comparer.smallest_changes == calibration.comparer.smallest_changes
 
 
-def test_labels_move_to_the_calibration_that_replaces_another(calibration):
+def test_labels_are_copied_to_a_replacing_calibration(calibration):
     moved = calibration.with_labels_of(labelled(calibration))
     assert moved.baseline.states() == {"healthy": 6, "dry": 1}
     # A record that is healthy in the new calibration loses its label.
@@ -104,7 +104,7 @@ def test_labels_move_to_the_calibration_that_replaces_another(calibration):
     assert healthier.with_labels_of(labelled(calibration)).baseline.labelled == ()
 
 
-def test_change_by_hand_is_permitted_and_logged(path, caplog):
+def test_manual_change_is_permitted_and_logged(path, caplog):
     content = yaml.safe_load(path.read_text())
     content["records"][0]["values"][0] *= 1.01
     with caplog.at_level(logging.WARNING):
@@ -217,7 +217,7 @@ def test_record_unlike_the_others_is_named_in_the_calibration_and_kept(tmp_path)
     assert loaded.calibration_id == made.calibration_id
 
 
-def test_record_without_a_date_is_named_by_its_place():
+def test_record_without_a_date_is_named_by_its_position():
     records = healthy_telemetry(days=2, a_day=3)
     worn = telemetry_of(Joint().times(coulomb=1.6), tones(), Sensors(), seed=5)
     undated = [replace(record, stamp_ns=0) for record in (*records[:2], worn, *records[2:])]
@@ -228,7 +228,7 @@ def test_record_without_a_date_is_named_by_its_place():
     assert "from 7 records without a date, 1 outlier" in str(made)
 
 
-def test_healthy_record_of_another_rate_has_no_figures_that_depend_on_it():
+def test_healthy_record_of_another_rate_has_no_rate_dependent_figures():
     records = healthy_telemetry(days=2, a_day=2)
     records[1] = replace(records[1], sample_period=1.05 * records[1].sample_period)
     made = calibrate_joint(list(map(window_of, records)), described())
@@ -244,11 +244,11 @@ def test_records_like_each_other_are_not_mentioned(calibration, path):
 # Match with a unit
 
 
-def test_unit_that_is_described_fits(calibration):
+def test_described_unit_fits(calibration):
     assert calibration.unit_mismatch(described()) == ()
 
 
-def test_other_units_are_refused_with_what_differs(calibration):
+def test_other_units_are_refused_with_the_differences(calibration):
     plain = described()
     description = replace(
         plain, drive="six_step", parameters=plain.parameters.replace({"tau": 0.01, "k_t": 0.05})
@@ -278,7 +278,7 @@ def test_other_rates_are_compared_up_to_the_band_of_the_filter(calibration):
         assert mismatch is None or words in text_of(mismatch)
 
 
-def test_temperature_of_each_record_is_kept(calibration):
+def test_temperature_of_each_record_is_stored(calibration):
     assert {record.temperature for record in calibration.baseline.records} == {20.0}
     windows = [window_of(telemetry) for telemetry in healthy_telemetry(days=1)]
     plain = calibrate_joint(windows, described())
@@ -292,7 +292,7 @@ def test_description_without_a_current_is_refused():
         calibrate_joint([window_of(telemetry) for telemetry in healthy_telemetry(days=1)], blind)
 
 
-def test_summary_states_friction_inertia_and_what_they_came_from(calibration):
+def test_summary_states_friction_inertia_and_their_sources(calibration):
     text = str(calibration)
     assert "of joint (controller not modelled) from 6 records on 3 days" in text
     assert "friction 1" in text

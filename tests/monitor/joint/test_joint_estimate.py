@@ -97,7 +97,7 @@ def test_healthy_record_is_valid_and_unchanged(plain):
 
 
 @pytest.mark.parametrize("factor", [1.15, 1.3, 2.0, 0.8])
-def test_friction_is_the_fault_friction(plain, factor):
+def test_increased_friction_is_the_fault_friction(plain, factor):
     result = estimate(plain, PLAIN.times(coulomb=factor))
     assert result.verdict == DEPARTED
     assert result.comparison is not None
@@ -121,7 +121,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize(("factors", "cause", "size", "within"), CAUSES.values(), ids=CAUSES)
-def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
+def test_change_that_is_not_a_fault_is_a_cause(plain, factors, cause, size, within):
     result = estimate(plain, PLAIN.times(**factors))
     assert result.verdict == DEPARTED
     (named,) = result.causes
@@ -142,7 +142,7 @@ def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
         (1.0, 1.0, 0.01, "N"),
     ],
 )
-def test_load_is_reported_in_the_unit_in_which_the_effort_was_recorded(tau, k_t, lead, unit):
+def test_load_is_reported_in_the_recorded_unit_of_the_effort(tau, k_t, lead, unit):
     joint = Joint()
     plain = described()
     parameters = plain.parameters.replace({"tau": tau, "k_t": k_t, "lead": lead})
@@ -161,7 +161,7 @@ def test_load_is_reported_in_the_unit_in_which_the_effort_was_recorded(tau, k_t,
     assert load.change == pytest.approx(0.2 * sizes[unit], rel=0.1)
 
 
-def test_rivals_are_no_fault_and_no_cause():
+def test_rivals_are_neither_faults_nor_causes():
     """All effort is friction, so that a change of torque per ampere would look the same."""
     joint = Joint(inertia=0.0004, viscous=0.0, load=0.0)
     calibration = calibrated(joint)
@@ -203,21 +203,21 @@ def test_play_is_not_judged_without_the_speed_of_the_motor(plain):
     assert math.isnan(result.faults.backlash)
 
 
-def test_play_is_not_judged_where_both_sensors_are_on_one_side():
+def test_play_is_not_judged_if_both_sensors_are_on_one_side():
     joint = Joint()
     result = estimate(calibrated(joint, MOTOR_SPEED), joint, sensors=MOTOR_SPEED)
     assert result.comparison is not None
     assert "both sensors are on one side" in result.comparison[of.PLAY].reason
 
 
-def test_wind_up_by_friction_is_no_play(with_play):
+def test_wind_up_by_friction_is_not_play(with_play):
     """Friction of 1.6 times the healthy value adds wind-up of 20 % of the lost motion."""
     result = estimate(with_play, WITH_PLAY.times(coulomb=1.6), sensors=MOTOR_SPEED)
     assert judgement(result, of.PLAY) is Judgement.UNCHANGED
     assert judgement(result, of.FRICTION) is Judgement.CHANGED
 
 
-def test_load_that_closes_the_play_is_no_change_of_it(with_play):
+def test_load_that_closes_the_play_does_not_change_it(with_play):
     closed = replace(WITH_PLAY, play=0.0, wind_up=0.0005, load=1.4)
     result = estimate(with_play, closed, sensors=MOTOR_SPEED)
     assert result.comparison is not None
@@ -226,7 +226,7 @@ def test_load_that_closes_the_play_is_no_change_of_it(with_play):
     assert judgement(result, of.LOAD) is Judgement.CHANGED
 
 
-def test_tracking_lag_is_that_of_the_position_behind_the_command(plain):
+def test_tracking_lag_is_the_delay_of_the_position_behind_the_command(plain):
     result = estimate(plain, PLAIN, sensors=Sensors(tracking_lag=0.04))
     assert result.comparison is not None
     lag = result.comparison[of.TRACKING]
@@ -253,9 +253,7 @@ def test_tracking_is_not_judged_without_a_command():
         ("moves", "rests", "the position command does not move enough"),
     ],
 )
-def test_reason_why_tracking_is_not_judged_names_whose_command_is_missing(
-    of_healthy, of_record, reason
-):
+def test_reason_for_unjudged_tracking_names_the_missing_command(of_healthy, of_record, reason):
     def with_command(record: Window, kind: str) -> Window:
         command = record.telemetry.command
         changed = {"none": np.empty(0), "rests": np.zeros(len(command)), "moves": command}
@@ -318,7 +316,7 @@ def test_figures_of_another_motion_are_not_compared(plain):
 
 
 @pytest.mark.parametrize("speed", [0.4, 1.8])
-def test_motion_that_is_much_slower_or_faster_is_not_judged(plain, speed):
+def test_much_slower_or_faster_motion_is_not_judged(plain, speed):
     result = estimate(plain, PLAIN, motion=tones(speed=speed))
     assert (result.verdict, result.valid) == (REFUSED, False)
     assert "expected 0.5 to 1.6 times" in result.reason
@@ -333,7 +331,7 @@ def test_motion_that_is_much_slower_or_faster_is_not_judged(plain, speed):
 
 
 @pytest.mark.parametrize(("speed", "size"), [(0.7, 1.0), (1.3, 1.0), (1.0, 0.7), (1.0, 1.3)])
-def test_other_motion_within_the_range_gives_the_same_friction(plain, speed, size):
+def test_different_motion_within_the_range_gives_the_same_friction(plain, speed, size):
     motion = tones(speed=speed, size=size)
     result = estimate(plain, PLAIN.times(coulomb=1.3), motion=motion)
     assert result.comparison is not None
@@ -352,7 +350,7 @@ def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
     assert "the sample period is 0.2 s, at most 0.113 s can be compared" in result.reason
 
 
-def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
+def test_record_of_another_rate_is_not_used_as_an_example_of_its_state(plain):
     """Its figures depend on the rate; its quantities are compared as usual."""
     record = comparable_record(measured(PLAIN, motion=tones(h=0.002)), described(), plain)
     assert isinstance(record, JointRecord)
@@ -401,14 +399,14 @@ def seized(**columns: np.ndarray) -> Window:
 
 
 @pytest.mark.parametrize(("unit", "shown"), [("A", "A"), ("N.m", "N.m")])
-def test_blocked_shaft_has_failed(plain, unit, shown):
+def test_blocked_shaft_is_a_failure(plain, unit, shown):
     result = identify_record(seized(), described(), replace(plain, effort_unit=unit))
     assert (result.verdict, result.valid) == (FAILED, False)
     assert "a blocked shaft, an open phase or a frozen sensor" in result.reason
     assert re.search(rf"at an effort of [\d.]+ {shown}:", result.reason)
 
 
-def test_joint_that_nothing_drives_has_not_failed(plain):
+def test_joint_that_is_not_driven_has_not_failed(plain):
     n = len(measured(PLAIN).telemetry)
     off = identify_record(seized(current=np.full(n, 0.02)), described(), plain)
     assert off.verdict == REFUSED
@@ -468,7 +466,7 @@ def late(joint: Joint, lag_s: float) -> Window:
 
 @pytest.mark.parametrize("lag_ms", [-20, 10, 50, 100])
 @pytest.mark.parametrize("viscous", [1.0, 2.0])
-def test_late_effort_is_reported_and_is_no_viscous_friction(plain, lag_ms, viscous):
+def test_late_effort_is_reported_and_not_mistaken_for_viscous_friction(plain, lag_ms, viscous):
     result = identify_record(late(PLAIN.times(viscous=viscous), 1e-3 * lag_ms), described(), plain)
     assert result.comparison is not None
     changed = {quantity.name for quantity in result.comparison.changed}
@@ -478,7 +476,7 @@ def test_late_effort_is_reported_and_is_no_viscous_friction(plain, lag_ms, visco
     assert way == ("later" if lag_ms > 0 else "earlier")
 
 
-def test_changed_friction_is_no_lag(plain):
+def test_changed_friction_is_not_mistaken_for_a_lag(plain):
     for factor in (0.8, 1.3, 2.0):
         assert "The effort is" not in estimate(plain, PLAIN.times(coulomb=factor)).reason
     assert "The effort is" not in estimate(plain, PLAIN.times(viscous=2.0)).reason
@@ -523,7 +521,7 @@ def test_constant_effort_is_refused_as_a_failed_sensor(plain, value, h):
     assert not refused.comparison.judged
 
 
-def test_constant_effort_is_no_healthy_record():
+def test_constant_effort_is_not_a_healthy_record():
     windows = list(map(window, healthy_telemetry(PLAIN)))
     dead = with_effort(windows[4], np.zeros(len(windows[4].telemetry)))
     calibration = calibrate_joint([*windows[:4], dead, *windows[5:]], described())
@@ -532,7 +530,7 @@ def test_constant_effort_is_no_healthy_record():
         calibrate_joint([dead], described())
 
 
-def test_noise_alone_is_no_healthy_effort(plain):
+def test_noise_alone_is_not_a_healthy_effort(plain):
     record = measured(PLAIN)
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(record.telemetry))
     refused = identify_record(with_effort(record, noise), described(), plain)
@@ -579,7 +577,7 @@ def test_friction_alone_may_grow_several_times(friction_alone, factor):
 
 @pytest.mark.parametrize("late_s", [0.2, 0.25])
 @pytest.mark.parametrize("viscous", [1.0, 1.6])
-def test_inertia_below_zero_is_refused_as_a_late_effort(plain, viscous, late_s):
+def test_negative_inertia_is_refused_as_a_late_effort(plain, viscous, late_s):
     record = measured(PLAIN.times(viscous=viscous))
     count = round(late_s / record.sample_period)
     refused = identify_record(
@@ -591,7 +589,7 @@ def test_inertia_below_zero_is_refused_as_a_late_effort(plain, viscous, late_s):
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.15, 0.25])
-def test_torque_per_ampere_of_little_effort_has_its_value_and_width(plain, factor):
+def test_torque_per_ampere_with_little_effort_has_a_value_and_an_interval(plain, factor):
     healthy = plain.baseline
     record = replace(healthy.records[0], stamp_ns=0, values=factor * healthy.healthy)
     torque = plain.comparer.compare(record)[of.TORQUE]
@@ -600,7 +598,7 @@ def test_torque_per_ampere_of_little_effort_has_its_value_and_width(plain, facto
     assert not torque.high < torque.change + 0.01
 
 
-def test_torque_per_ampere_of_no_effort_has_no_bound(plain):
+def test_torque_per_ampere_without_effort_has_no_bound(plain):
     healthy = plain.baseline
     record = replace(healthy.records[0], stamp_ns=0, values=0.001 * healthy.healthy)
     comparison = plain.comparer.compare(record)
@@ -647,7 +645,7 @@ def test_factor_of_the_position_is_named(plain, factor, words):
     assert words in refused.reason
 
 
-def test_faster_motion_is_no_mistake(plain):
+def test_faster_motion_is_not_mistaken_for_a_wrong_column(plain):
     record = measured(PLAIN)
     telemetry = replace(record.telemetry, position=3.0 * record.telemetry.position)
     refused = identify_record(replace(record, telemetry=telemetry), described(), plain)

@@ -26,7 +26,7 @@ def record(**changes: float) -> Telemetry:
 
 
 @pytest.mark.parametrize("lag_s", [-0.02, 0.005, 0.05, 0.1])
-def test_lag_of_the_effort_is_measured_regardless_of_the_friction(lag_s: float):
+def test_lag_of_the_effort_is_measured_for_any_friction(lag_s: float):
     joints = [{}, {"coulomb": 1.5 * Joint().coulomb}, {"viscous": 2.0 * Joint().viscous}]
     for changes in joints:
         base, found = (
@@ -37,7 +37,7 @@ def test_lag_of_the_effort_is_measured_regardless_of_the_friction(lag_s: float):
         assert 0.0 < found.sigma < 5e-3
 
 
-def test_only_a_significant_departure_shifts_the_effort():
+def test_only_a_significant_lag_shifts_the_effort():
     healthy = [EffortLag(0.010 + 0.001 * i, 1e-3) for i in range(-2, 3)]
     assert with_shift(EffortLag(0.014, 1e-3), healthy, 2.0).shift_s == 0.0
     small = with_shift(EffortLag(0.019, 1e-3), healthy, 2.0)
@@ -49,7 +49,7 @@ def test_only_a_significant_departure_shifts_the_effort():
     assert with_shift(EffortLag(0.06, 1e-3), [EffortLag()], 2.0).shift_s == 0.0
 
 
-def test_shift_moves_the_effort_back():
+def test_shift_moves_the_effort_to_earlier_times():
     telemetry = record()
     fine = block_means(telemetry, described(), 2.0)
     moved = block_means(late(telemetry, 0.05), described(), 2.0)

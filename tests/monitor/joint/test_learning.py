@@ -66,14 +66,14 @@ def check(joint: Joint, baseline: Baseline, rel: float, abs_load: float = 0.005)
     assert found["load"] == pytest.approx(joint.load, abs=abs_load)
 
 
-def test_coefficients_without_noise_are_those_of_the_plant():
+def test_coefficients_without_noise_equal_those_of_the_plant():
     joint = Joint()
     # Central differences with steps of 0.02 s miss (2 pi 0.83 Hz 0.02 s)^2 / 3 = 0.4 % of the
     # acceleration in the faster tone, and half of that of the speed.
     check(joint, learned(joint, EXACT), rel=0.006, abs_load=0.002)
 
 
-def test_gravity_without_noise_is_that_of_the_plant():
+def test_gravity_without_noise_equals_that_of_the_plant():
     joint = Joint(gravity=0.8)
     baseline = learned(joint, EXACT)
     assert coefficients(baseline)["gravity"] == pytest.approx(0.8, rel=0.01)
@@ -129,7 +129,7 @@ def test_load_above_the_friction_is_a_load_though_the_effort_never_changes_sign(
     check(joint, baseline, rel=0.02, abs_load=0.05)
 
 
-def test_record_that_is_given_twice_is_refused():
+def test_repeated_record_is_refused():
     records = healthy_telemetry(Joint(), None, None, scatter=0.0, a_day=1, seed=0)
     again = len(records) + 1
     with pytest.raises(ValueError, match=f"healthy records 2 and {again} are identical"):
@@ -148,7 +148,7 @@ def test_lag_of_the_effort_is_corrected(motion, lag_s):
 
 
 @pytest.mark.parametrize("lag_s", [-0.06, 0.0, 0.06])
-def test_calibration_remarks_a_large_lag(lag_s):
+def test_calibration_notes_a_large_lag(lag_s):
     baseline = learned(sensors=Sensors(lag_s=lag_s))
     remarks = [one for one in baseline_sentences(Comparer(baseline)) if "than the motion" in one]
     way = "later" if lag_s > 0.0 else "earlier"
@@ -160,7 +160,7 @@ def test_calibration_remarks_a_large_lag(lag_s):
     assert [one.split(":")[0] for one in remarks] == ([expected] if lag_s else [])
 
 
-def test_lag_that_the_acquisition_explains_is_not_remarked():
+def test_lag_explained_by_the_acquisition_is_not_noted():
     """A mean current at 25 Hz is early by half a sample, 20 ms."""
     records = healthy_telemetry(motion=tones(h=0.04))
     description = described(h=0.04)
@@ -174,7 +174,7 @@ def test_lag_that_the_acquisition_explains_is_not_remarked():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_lag_is_not_invented(seed):
+def test_no_lag_is_reported_without_one(seed):
     assert learned(sensors=Sensors(noise=0.2), seed=seed).preparation.lag_s == 0.0
 
 
@@ -191,12 +191,12 @@ def test_record_of_another_rate_has_the_same_coefficients(h):
 # Terms
 
 
-def test_gravity_is_part_of_the_model_where_there_is_some():
+def test_gravity_is_part_of_the_model_if_present():
     assert learned(Joint(gravity=0.2)).shape.has_gravity
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gravity_is_not_part_of_the_model_without_any(seed):
+def test_gravity_is_not_part_of_the_model_if_absent(seed):
     assert not learned(seed=seed).shape.has_gravity
 
 
@@ -207,7 +207,7 @@ def test_linear_joint_has_no_gravity():
     assert learn(records, described()).shape.has_gravity
 
 
-def test_stribeck_friction_is_admitted_where_there_is_some():
+def test_stribeck_friction_is_part_of_the_model_if_present():
     """The motion has many speeds from 0.05 rad/s on, in strokes of 2 s."""
     strong = learned(Joint(stribeck=0.8, stribeck_speed=0.25), motion=_many_speeds(), a_day=2)
     assert strong.shape.dip > 0.0
@@ -218,7 +218,7 @@ def test_stribeck_friction_is_admitted_where_there_is_some():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_stribeck_friction_is_not_admitted_without_any(seed):
+def test_stribeck_friction_is_not_part_of_the_model_if_absent(seed):
     assert learned(motion=_many_speeds(), a_day=2, seed=seed).shape.dip == 0.0
 
 
@@ -260,7 +260,7 @@ def test_records_without_motion_friction_or_direction_are_refused_with_the_reaso
         learn(short, described())
 
 
-def test_records_of_unknown_travel_are_the_same_by_their_stamps():
+def test_records_of_unknown_travel_are_recognised_as_equal_by_their_stamps():
     """Records of older calibrations have no travel."""
     record = JointRecord(5, np.zeros(2), np.eye(2), 1.0)
     assert record.is_same(replace(record, values=np.ones(2)))
@@ -270,7 +270,7 @@ def test_records_of_unknown_travel_are_the_same_by_their_stamps():
 
 
 @pytest.mark.parametrize("payload", [1.2, 1.4])
-def test_payload_is_no_friction_where_friction_rises_with_the_load(payload):
+def test_payload_is_not_mistaken_for_load_dependent_friction(payload):
     """Inertia and gravity grow by 20 % and more, and with them the load-dependent friction."""
     joint = Joint(coulomb=1.0, gravity=4.0, inertia=0.4, load_share=0.08)
     records = healthy_telemetry(joint, None, tones(), scatter=0.01, a_day=3)
@@ -287,7 +287,7 @@ def test_payload_is_no_friction_where_friction_rises_with_the_load(payload):
     assert found[FRICTION].judgement is not Judgement.CHANGED
 
 
-def test_effort_that_the_motion_does_not_explain_is_named_as_the_reason():
+def test_effort_unexplained_by_the_motion_is_named_as_the_reason():
     """More speeds would not show viscous friction."""
     rng = np.random.default_rng(0)
     records = []

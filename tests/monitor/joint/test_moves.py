@@ -29,7 +29,7 @@ def test_constant_unit_stays_ok_and_has_no_predicted_life():
 
 
 @pytest.mark.parametrize("law", ["line", "exponential"])
-def test_life_holds_the_crossing(law):
+def test_predicted_life_contains_the_crossing(law):
     days = np.arange(40.0)
     rise = 0.02 * np.maximum(days - 9.0, 0.0)
     if law == "exponential":

@@ -24,7 +24,7 @@ def strokes(cycles, *, ripple=0.0, has_command=True, seconds=4.0):
 
 
 @pytest.mark.parametrize(("cycles", "expected"), [(1, 1), (3, 3), (12, 5)])
-def test_parts_are_whole_cycles(cycles, expected):
+def test_parts_are_complete_cycles(cycles, expected):
     """Each part has both directions, with the same effort in all parts."""
     parts = parts_of(strokes(cycles), PREPARATION)
     assert len(parts) == expected
@@ -35,7 +35,7 @@ def test_parts_are_whole_cycles(cycles, expected):
     assert set(mean_of(parts)) == set(parts[0])
 
 
-def test_ripple_of_an_order_raises_the_figure_of_this_order_alone():
+def test_ripple_of_an_order_raises_only_the_figure_of_this_order():
     even, rippled = (mean_of(parts_of(strokes(5, ripple=a), PREPARATION)) for a in (0.0, 0.2))
     # Half of the amplitude is in the positive order.
     assert np.exp(rippled["effort_ripple_2_forward"]) == pytest.approx(0.1, rel=0.05)

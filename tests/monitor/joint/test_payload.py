@@ -112,7 +112,7 @@ def test_friction_is_right_if_the_payload_is_known(arm, name):
 
 
 @pytest.mark.slow
-def test_joint_that_bears_the_part_is_compared_by_its_empty_motion_alone(arm):
+def test_joint_that_bears_the_part_is_compared_only_in_motion_without_it(arm):
     for name in BEARING:
         known, unknown = (calibrated(arm, name, has_payload=known) for known in (True, False))
         assert known.baseline.preparation.is_empty
@@ -148,7 +148,7 @@ def test_record_without_payload_is_not_compared_with_empty_motion(arm, tmp_path)
 
 
 @pytest.mark.slow
-def test_record_in_which_the_arm_is_never_empty_both_ways_is_not_judged(arm):
+def test_record_without_empty_motion_in_both_directions_is_not_judged(arm):
     window = window_of(arm[-1], "elbow")
     always = replace(window.telemetry, payload=np.ones(len(window.telemetry)))
     calibration = calibrated(arm, "elbow")
@@ -182,7 +182,7 @@ def test_rows_near_a_payload_are_left_out():
     assert np.all(block_means(record, described(), 0.05 / h).is_usable)
 
 
-def test_part_in_a_later_record_alone_is_left_out():
+def test_part_that_occurs_only_in_a_later_record_is_left_out():
     records = [replace(one, payload=np.zeros(len(one))) for one in healthy_telemetry()]
     description = described()
     windows = list(map(Window, records))

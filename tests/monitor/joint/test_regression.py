@@ -24,12 +24,12 @@ def drawn(seed: int, strokes: int, shared: float, noise: float = 0.1):
     return design, design @ TRUTH + errors, clusters
 
 
-def test_rows_without_error_give_the_truth_exactly():
+def test_rows_without_error_give_the_exact_truth():
     design, target, clusters = drawn(0, 10, shared=0.0, noise=0.0)
     np.testing.assert_allclose(regress(design, target, clusters, OPEN).values, TRUTH, rtol=1e-9)
 
 
-def test_fit_of_normal_errors_is_nearly_that_of_least_squares():
+def test_fit_with_normal_errors_is_nearly_least_squares():
     design, target, _ = drawn(1, 40, shared=0.0)
     plain = np.linalg.lstsq(design, target, rcond=None)[0]
     sigmas = 0.1 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
@@ -53,7 +53,7 @@ def test_one_percent_of_outliers_moves_the_fit_by_less_than_its_error():
     assert np.max(np.abs(plain - TRUTH)) > 0.1
 
 
-def test_prior_decides_what_the_rows_leave_open():
+def test_prior_determines_what_the_rows_leave_open():
     design, target, clusters = drawn(4, 10, shared=0.0)
     design[:, 1] = 0.0
     found = regress(
@@ -64,7 +64,7 @@ def test_prior_decides_what_the_rows_leave_open():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_covariance_is_in_no_direction_below_that_of_white_noise(seed):
+def test_covariance_is_in_no_direction_below_white_noise(seed):
     rng = np.random.default_rng(seed)
     design, target, clusters = drawn(seed, 6, shared=float(rng.uniform(0.0, 0.2)))
     found = regress(design, target, clusters, OPEN)
@@ -79,7 +79,7 @@ def test_covariance_is_in_no_direction_below_that_of_white_noise(seed):
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.05, 0.2])
-def test_intervals_hold_when_errors_are_correlated_within_strokes(shared):
+def test_intervals_are_valid_if_errors_are_correlated_within_strokes(shared):
     covered = np.zeros(3)
     for seed in range(300):
         design, target, clusters = drawn(100 + seed, 20, shared)
@@ -96,7 +96,7 @@ def test_intervals_hold_when_errors_are_correlated_within_strokes(shared):
     assert covered[2] / 300.0 < 0.96
 
 
-def test_independent_rows_would_claim_too_much():
+def test_independent_rows_would_give_too_narrow_intervals():
     """With the same errors but a cluster per row, the intervals are those of white noise."""
     covered = 0
     for seed in range(100):

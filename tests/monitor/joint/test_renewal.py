@@ -39,7 +39,7 @@ def calibration() -> JointCalibration:
 
 
 @pytest.mark.parametrize("held", [2, 3, 7])
-def test_position_is_on_the_line_between_renewals(held):
+def test_position_is_interpolated_between_updates(held):
     times = 1e-3 * np.arange(4000)
     position = np.sin(3.0 * times) * (times < 2.0) + np.sin(6.0) * (times >= 2.0)
     position += np.where(times > 3.0, np.sin(3.0 * (times - 3.0)), 0.0)
@@ -97,7 +97,7 @@ def test_irregular_updates_of_the_position_are_no_departure(calibration, mean, n
 
 
 @pytest.mark.parametrize("mean", MEANS)
-def test_changed_friction_shows_with_irregular_updates(calibration, mean):
+def test_changed_friction_is_detected_with_irregular_updates(calibration, mean):
     rough = replace(JOINT, coulomb=1.5 * JOINT.coulomb)
     telemetry = irregular(telemetry_of(rough, tones(), Sensors(), seed=9, day=60), mean)
     estimate = identify_record(window_of(telemetry), described(), calibration)
@@ -106,7 +106,7 @@ def test_changed_friction_shows_with_irregular_updates(calibration, mean):
     assert estimate.comparison[FRICTION].change == pytest.approx(0.5, abs=0.1)
 
 
-def test_records_with_irregular_updates_are_compared_with_their_like():
+def test_records_with_irregular_updates_are_compared_with_each_other():
     healthy = [irregular(record, 2.2, seed=i) for i, record in enumerate(healthy_telemetry(JOINT))]
     calibration = calibrate_joint(list(map(window_of, healthy)), described())
     plain = telemetry_of(JOINT, tones(), Sensors(), seed=9, day=60)
@@ -116,7 +116,7 @@ def test_records_with_irregular_updates_are_compared_with_their_like():
 
 
 @pytest.mark.parametrize("count", [0.0, 1e-5, 2e-4, 1.5e-3, 6e-3])
-def test_encoder_counts_and_pauses_of_the_motion_are_no_updates(count):
+def test_encoder_counts_and_pauses_of_the_motion_are_not_updates(count):
     plain = telemetry_of(JOINT, tones(), Sensors()).position
     moves = np.concatenate([np.cumsum(0.01 * np.sin(np.linspace(0, np.pi, 60))), np.zeros(12)])
     moves[60:] = moves[59]

@@ -41,7 +41,7 @@ def changed(calibration: JointCalibration, joint: Joint, *, shift: float = 0.0, 
 
 
 @pytest.mark.parametrize("waves", [1.1, 2.0, 3.0])
-def test_ripple_is_found_with_its_wave_number(waves):
+def test_ripple_is_detected_with_its_wave_number(waves):
     joint = replace(COGGED, ripple_waves=waves)
     baseline = learn(healthy_telemetry(joint, SENSORS), described(SENSORS))
     (found,) = baseline.preparation.ripples
@@ -55,7 +55,7 @@ def test_joint_without_a_ripple_gets_none(seed):
     assert learn(healthy, described(SENSORS)).preparation.ripples == ()
 
 
-def test_two_ripples_are_found():
+def test_two_ripples_are_detected():
     healthy = []
     for telemetry in healthy_telemetry(COGGED, SENSORS):
         second = 0.3 * np.cos(2.0 * np.pi * 1.3 * telemetry.position)
@@ -65,7 +65,7 @@ def test_two_ripples_are_found():
     assert sorted(found) == pytest.approx([1.3, 3.0], abs=0.1 / 2.4)
 
 
-def test_friction_under_a_ripple_is_as_exact_as_without(calibration):
+def test_friction_with_a_ripple_is_as_accurate_as_without(calibration):
     smooth = replace(COGGED, ripple=0.0)
     healthy = healthy_telemetry(smooth, SENSORS)
     plain = calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
@@ -78,7 +78,7 @@ def test_friction_under_a_ripple_is_as_exact_as_without(calibration):
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.1])
-def test_phase_of_the_ripple_is_free_in_each_record(shift):
+def test_phase_of_the_ripple_is_independent_in_each_record(shift):
     """An incremental encoder has a different zero after each start."""
     level = replace(COGGED, gravity=0.0)
     healthy = healthy_telemetry(level, SENSORS)
@@ -88,7 +88,7 @@ def test_phase_of_the_ripple_is_free_in_each_record(shift):
     assert worn[FRICTION].change == pytest.approx(0.3, abs=0.02)
 
 
-def test_calibration_file_keeps_the_ripples(calibration, tmp_path):
+def test_calibration_file_stores_the_ripples(calibration, tmp_path):
     calibration.save(tmp_path / "calibration.yaml")
     loaded = load_calibration(tmp_path / "calibration.yaml")
     assert isinstance(loaded, JointCalibration)

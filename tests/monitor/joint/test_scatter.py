@@ -55,7 +55,7 @@ def scatter(values=VALUES, variances=VARIANCES, days=DAYS, covariates=None) -> S
 
 
 @pytest.mark.parametrize("day", [None, 1, 5, 77])
-def test_prediction_is_that_of_whole_covariance_matrices_on_the_same_grid(day):
+def test_prediction_agrees_with_full_covariance_matrices_on_the_same_grid(day):
     nodes = np.linspace(-2.5, 2.5, NODES)
     weights, means, variances = twin(nodes, VALUES, VARIANCES, DAYS, (day, 2e-4))
     found = scatter().predict(2e-4, day)
@@ -66,7 +66,7 @@ def test_prediction_is_that_of_whole_covariance_matrices_on_the_same_grid(day):
     assert found.sigma == pytest.approx(sigma, rel=1e-3)
 
 
-def test_prediction_with_a_covariate_is_that_of_whole_covariance_matrices():
+def test_prediction_with_a_covariate_agrees_with_full_covariance_matrices():
     covariates = np.array([-0.6, -0.2, 0.1, 0.4, 0.3, 0.0])
     values = VALUES + 0.05 * covariates
     nodes = np.linspace(-2.5, 2.5, NODES)
@@ -96,7 +96,7 @@ def test_grid_of_scatters_is_fine_enough(day):
         assert found.quantile(share) == pytest.approx(expected, abs=away), share
 
 
-def test_mixture_is_that_of_drawn_records():
+def test_mixture_agrees_with_drawn_records():
     """Draw days and records from the posterior, and count."""
     found = scatter().predict(1e-4, None)
     rng = np.random.default_rng(0)
@@ -122,7 +122,7 @@ def test_probability_is_small_far_from_the_middle_and_one_in_it():
     assert found.probability(found.mean + 6.0 * float(np.sqrt(np.max(found.variances)))) > 0.0
 
 
-def test_more_days_narrow_the_prediction_and_records_of_one_day_hardly_do():
+def test_additional_days_narrow_the_prediction_and_records_of_one_day_hardly_do():
     rng = np.random.default_rng(2)
     per_day = [0.01 * rng.standard_normal() for _ in range(12)]
     many = [1.0 + per_day[day] + 0.006 * rng.standard_normal() for day in range(12)]
@@ -149,7 +149,7 @@ def test_error_of_the_record_adds_to_the_variance():
     assert wide.sigma**2 - narrow.sigma**2 == pytest.approx(0.01 - 1e-4, rel=1e-6)
 
 
-def test_wide_errors_of_the_healthy_records_do_not_narrow_the_scatter():
+def test_large_errors_of_the_healthy_records_do_not_narrow_the_scatter():
     """Records without information leave the prior unchanged."""
     vague = scatter(np.zeros(6), np.full(6, 100.0)).variance
     squares = RECORDS**2 + BETWEEN**2
@@ -162,7 +162,7 @@ def test_wide_errors_of_the_healthy_records_do_not_narrow_the_scatter():
 @pytest.mark.slow
 @pytest.mark.parametrize("significance", [1e-2, 1e-3])
 @pytest.mark.parametrize("days", [2, 5])
-def test_smallest_change_is_found_with_the_stated_power(significance, days):
+def test_smallest_change_is_detected_with_the_stated_power(significance, days):
     """Simulate the whole model: scatters from their priors, healthy records, then a record."""
     rng = np.random.default_rng(days)
     detected, alarms, count = 0, 0, 500
@@ -190,7 +190,7 @@ def test_smallest_change_is_found_with_the_stated_power(significance, days):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.4, 1.0, 2.0, 3.0, 5.0])
-def test_smallest_change_is_found_with_the_stated_power_for_any_scatter_between_days(ratio):
+def test_smallest_change_is_detected_with_the_stated_power_for_any_scatter_between_days(ratio):
     """The days scatter by ``ratio`` times the median of the prior, and records by half of that."""
     rng = np.random.default_rng(8)
     day, error, found = ratio * BETWEEN, 0.004, []
@@ -209,7 +209,7 @@ def test_smallest_change_is_found_with_the_stated_power_for_any_scatter_between_
     assert 0.86 < np.mean(found) < 0.97
 
 
-def test_normal_distribution_function_is_that_of_the_standard_library():
+def test_normal_distribution_function_agrees_with_the_standard_library():
     one = Prediction(np.ones(1), np.zeros(1), np.ones(1), np.ones(1))
     for x in (-30.0, -5.0, -0.3, 0.0, 2.0):
         assert one.below(x) == pytest.approx(statistics.NormalDist().cdf(x), abs=1e-15)
@@ -217,7 +217,7 @@ def test_normal_distribution_function_is_that_of_the_standard_library():
 
 
 @pytest.mark.parametrize("ratio", [0.4, 1.0, 2.0, 4.0])
-def test_interval_holds_for_any_scatter_between_days(ratio):
+def test_interval_is_valid_for_any_scatter_between_days(ratio):
     """The days scatter by ``ratio`` times the median of the prior, and records by half of that."""
     rng = np.random.default_rng(9)
     day, error, held, count = ratio * BETWEEN, 0.002, 0, 300

@@ -15,7 +15,7 @@ from .plant import EXACT, Joint, Sensors, described, ramps, telemetry_of, tones
 PREPARATION = Preparation(cutoff_hz=2.0, lag_s=0.0, usual_speed=3.0)
 
 
-def test_parabola_keeps_its_curvature_and_is_only_lifted_by_the_variance_of_the_filter():
+def test_parabola_keeps_its_curvature_and_is_raised_by_the_variance_of_the_filter():
     t, sigma = np.arange(-200.0, 201.0), 7.0
     inner = slice(40, -40)
     lifted = smoothed(t**2, sigma) - t**2
@@ -31,7 +31,7 @@ def test_filtered_column_does_not_depend_on_the_direction_of_time():
     np.testing.assert_allclose(smoothed(noise[::-1], 4.3), smoothed(noise, 4.3)[::-1], atol=1e-12)
 
 
-def test_columns_filtered_together_and_alone_are_equal():
+def test_columns_filtered_together_and_separately_are_equal():
     columns = np.random.default_rng(1).standard_normal((3, 300))
     alone = np.array([smoothed(one, 5.0) for one in columns])
     np.testing.assert_array_equal(smoothed(columns, 5.0), alone)
@@ -51,7 +51,7 @@ def test_linear_relation_between_columns_survives_the_filter():
     np.testing.assert_allclose(rows.effort, expected, atol=1e-12)
 
 
-def test_rows_are_apart_from_reversals_and_ends():
+def test_rows_are_away_from_reversals_and_ends():
     motion = tones(20.0)
     rows = filtered(
         block_means(telemetry_of(Joint(), motion, EXACT), described(), 2.0), PREPARATION
@@ -81,7 +81,7 @@ def test_band_scales_with_the_speed_of_the_motion():
 
 @pytest.mark.parametrize("h", [0.001, 0.01])
 @pytest.mark.parametrize("step", [0.0, 2 * np.pi / 16384, 2 * np.pi / 4096])
-def test_counting_at_a_constant_speed_does_not_widen_the_band(h, step):
+def test_quantisation_at_a_constant_speed_does_not_widen_the_band(h, step):
     """At 0.5 rad/s, the steps of an encoder have fixed frequencies."""
     record = telemetry_of(Joint(), ramps(h=h), Sensors(step=step))
     # A square wave of 0.25 Hz has 81 % of its power there, and 95 % up to its fifth harmonic;
@@ -89,7 +89,7 @@ def test_counting_at_a_constant_speed_does_not_widen_the_band(h, step):
     assert motion_band(record) == pytest.approx(1.25, abs=0.03)
 
 
-def test_cutoff_stays_between_the_slowest_and_a_share_of_the_rate():
+def test_cutoff_is_between_the_slowest_and_a_share_of_the_rate():
     assert cutoff_of(1.0, 0.001) == 2.5
     assert cutoff_of(0.01, 0.001) == 1.5
     assert cutoff_of(100.0, 0.01) == pytest.approx(20.0)
@@ -98,7 +98,7 @@ def test_cutoff_stays_between_the_slowest_and_a_share_of_the_rate():
 
 
 @pytest.mark.parametrize("strokes", [1, 2, 4])
-def test_strokes_are_counted_by_reversals_and_long_ones_in_pieces(strokes):
+def test_strokes_are_counted_by_reversals_and_long_ones_are_divided(strokes):
     seconds = 8.0
     t = 0.01 * np.arange(round(2 * strokes * seconds / 0.01))
     speed = np.sign(np.sin(np.pi * t / seconds + 1e-9))

@@ -70,7 +70,7 @@ def test_effort_without_spikes_is_unchanged(motion: Motion, noise, step):
 
 @pytest.mark.parametrize("h", [0.02, 0.05, 0.1, 0.2])
 @pytest.mark.parametrize("seed", range(3))
-def test_short_peaks_of_a_coarse_record_are_no_spikes(h, seed):
+def test_short_peaks_of_a_coarse_record_are_not_spikes(h, seed):
     """The inertia of a quick joint gives peaks of one sample in a record with a low rate."""
     fine = telemetry_of(Joint(inertia=2.0), places(h=0.002, seed=seed), EXACT)
     every = round(h / 0.002)
@@ -100,7 +100,7 @@ def test_spikes_change_no_judgement_and_are_counted(calibration, share, size, fr
     assert "spike" not in expected.reason
 
 
-def test_spikes_of_a_healthy_record_change_no_baseline(calibration):
+def test_spikes_of_a_healthy_record_do_not_change_the_baseline(calibration):
     healthy = healthy_telemetry(JOINT)
     healthy[4] = spiked(healthy[4], 0.005, 500.0)
     other = calibrate_joint(list(map(window_of, healthy)), described())

@@ -32,7 +32,9 @@ def calibration() -> JointCalibration:
         (0.1, 0.1, StandstillCause.NO_EFFORT),
     ],
 )
-def test_cause_of_a_standstill(calibration, effort: float, command: float, cause):
+def test_cause_of_a_standstill_follows_from_effort_and_command(
+    calibration, effort: float, command: float, cause
+):
     """The effort is relative to the healthy friction, the command to that of healthy records."""
     moving = telemetry_of(JOINT, tones(), Sensors(), seed=9)
     friction = calibration.baseline.friction

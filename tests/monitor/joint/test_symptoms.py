@@ -10,7 +10,7 @@ from .baselines import HEALTHY, SEPARATE, baseline_of, record_of
 
 
 @pytest.mark.parametrize("scatter", [0.005, 0.02, 0.1, 0.3])
-def test_healthy_figures_of_any_scatter_do_not_depart(scatter):
+def test_healthy_figures_do_not_depart_for_any_scatter(scatter):
     """The scatter is up to 20 times the prior median of the tracking error of repeating motion."""
     rng = np.random.default_rng(11)
     alarms = 0

@@ -25,7 +25,7 @@ def rise(count: int, per_record: float, records_per_day: int, seed: int = 0) -> 
 
 @pytest.mark.parametrize("records_per_day", [3, 100])
 @pytest.mark.parametrize("seed", range(3))
-def test_healthy_scatter_is_no_rise(records_per_day: int, seed: int):
+def test_healthy_scatter_is_not_a_rise(records_per_day: int, seed: int):
     assert rise(12, 0.0, records_per_day, seed) == 0.0
 
 
@@ -36,7 +36,7 @@ def test_wear_is_a_rise(records_per_day: int):
 
 
 @pytest.mark.parametrize("records_per_day", [1, 2, 100])
-def test_four_records_that_get_worse_by_5_percent_each_are_a_rise(records_per_day: int):
+def test_four_records_that_worsen_by_5_percent_each_are_a_rise(records_per_day: int):
     assert rise(4, 0.05, records_per_day) == pytest.approx(0.15 / 1.075, abs=0.06)
 
 
@@ -56,7 +56,7 @@ def healthy(rng: np.random.Generator, days: int, records_per_day: int, **scatter
 
 @pytest.mark.parametrize(("days", "records_per_day"), [(1, 4), (1, 10), (3, 3), (4, 1), (10, 2)])
 @pytest.mark.parametrize(("within", "between"), [(0.02, 0.02), (0.03, 0.03)])
-def test_healthy_joints_are_seldom_refused(days, records_per_day, within, between):
+def test_healthy_joints_are_rarely_refused(days, records_per_day, within, between):
     rng = np.random.default_rng(1)
     refused = [
         friction_rise(healthy(rng, days, records_per_day, within=within, between=between)) > 0.0
@@ -65,11 +65,11 @@ def test_healthy_joints_are_seldom_refused(days, records_per_day, within, betwee
     assert np.mean(refused) < (0.01 if within < 0.03 else 0.04)
 
 
-def test_falling_friction_is_no_rise():
+def test_falling_friction_is_not_a_rise():
     assert rise(12, -0.03, 100) == 0.0
 
 
-def test_worn_joint_is_not_accepted_while_it_gets_worse(tmp_path: Path):
+def test_worsening_joint_is_not_accepted(tmp_path: Path):
     """With three records a day, each single record is within the scatter of the days."""
     with UnitBaseline(tmp_path, JOINT) as baseline:
         for number in range(20):

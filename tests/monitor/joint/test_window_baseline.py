@@ -20,14 +20,14 @@ def healthy():
     return WindowBaseline.of(slide(noise=0.02, seed=seed) for seed in range(12))
 
 
-def test_window_departs_where_its_figures_do(healthy):
+def test_window_departs_if_its_figures_do(healthy):
     same = healthy.departure(0, figures_of(slide(noise=0.02, seed=20)))
     rough = healthy.departure(0, figures_of(slide(noise=0.04, seed=20)))
     assert (same.is_significant, rough.is_significant) == (False, True)
-    assert any("current" in one.name and "roughness" in one.name for one in rough.changes)
+    assert any("current" in change.name and "roughness" in change.name for change in rough.changes)
 
 
-def test_stretches_are_compared_with_means_of_as_many_healthy_windows():
+def test_stretches_are_compared_with_means_of_equally_many_healthy_windows():
     """A load that varies between windows hides a change in one window, but not in three."""
     loads = 0.1 + 0.03 * np.tile([-1.0, 0.0, 1.0], 5)
     healthy = WindowBaseline.of(
@@ -66,13 +66,13 @@ def test_other_motion_is_not_judged(healthy):
     assert WindowBaseline.of([window] * 2).departure(0, figures_of(window)) is None
 
 
-def test_file_holds_all_of_it(healthy):
+def test_file_stores_all_windows(healthy):
     both = labelled(healthy, "jammed", slide(noise=0.02, seed=20))
     del both.windows[-1].figures.values["rest_current"]
     assert WindowBaseline.of_mapping(both.as_mapping()) == both
 
 
-def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
+def test_healthy_windows_of_several_loads_judge_each_load_separately():
     """Otherwise the loads would count as scatter, and a load would explain a departure."""
     loads = [0.1, 0.4] * 6
     healthy = WindowBaseline.of(
@@ -93,7 +93,7 @@ def test_healthy_windows_of_several_loads_judge_each_load_by_its_own():
     assert once.departure(0, figures_of(slide(load=0.8, noise=0.02, seed=30))) is None
 
 
-def test_small_load_explains_levels_alone(healthy):
+def test_small_load_explains_only_levels(healthy):
     for noise, explains in ((0.02, True), (0.06, False)):
         found = healthy.departure(0, figures_of(slide(load=0.15, noise=noise, seed=30)))
         assert found
@@ -111,7 +111,7 @@ def test_parts_of_a_test_are_judged_by_their_own_loads():
         assert found.is_significant == departs
 
 
-def test_day_that_may_be_what_differs_is_stated(healthy):
+def test_departure_that_may_be_due_to_the_day_is_stated(healthy):
     dry = figures_of(slide(friction=0.63, noise=0.02, seed=30))
     same, next_day = (healthy.departure(day * 86_400 * 10**9, dry) for day in (0, 1))
     assert same
@@ -138,7 +138,7 @@ def states_of(normal: WindowBaseline, telemetry: Telemetry) -> Mapping[str, floa
     return found.states
 
 
-def test_departure_looks_like_a_state_that_was_labelled(healthy):
+def test_departure_resembles_a_labelled_state(healthy):
     known = healthy
     assert states_of(known, later(50, state="dry 1")) == {}
     for number in range(1, 4):
@@ -189,7 +189,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         (1.0, 0.5, "its load differs by 0.4 A from the healthy windows"),
     ],
 )
-def test_test_that_later_ones_cannot_be_compared_with_is_not_labelled(
+def test_test_that_cannot_be_compared_with_later_ones_is_not_labelled(
     healthy, times, load, message
 ):
     window = slide(noise=0.02, load=load)

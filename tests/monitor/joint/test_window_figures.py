@@ -27,7 +27,7 @@ def slide(*, friction=0.6, load=0.1, rest=0.3, noise=0.0, signed=True, seconds=3
 
 
 @pytest.mark.parametrize("signed", [True, False])
-def test_levels_are_those_of_each_direction_with_and_without_sign(signed):
+def test_levels_are_computed_per_direction_with_and_without_sign(signed):
     [(motion, features, _)] = figures_of(slide(signed=signed))
     assert features["current_forward"] == pytest.approx(0.7)
     assert features["current_backward"] == pytest.approx(0.5)
@@ -37,7 +37,7 @@ def test_levels_are_those_of_each_direction_with_and_without_sign(signed):
     assert motion.travel == pytest.approx(3.0)
 
 
-def test_scatter_and_roughness_are_those_of_white_noise():
+def test_scatter_and_roughness_of_white_noise_are_right():
     features = mean_of(figures_of(slide(noise=0.05, seconds=600.0)))
     # In a stroke of 60 samples, a line takes 2 of 60 degrees of freedom.
     assert np.exp(features["current_scatter_forward"]) == pytest.approx(0.05, rel=0.05)
@@ -45,13 +45,13 @@ def test_scatter_and_roughness_are_those_of_white_noise():
     assert np.exp(features["error_scatter_backward"]) == pytest.approx(0.005, rel=0.05)
 
 
-def test_parts_weigh_by_their_samples():
+def test_parts_are_weighted_by_their_samples():
     some = slide(friction=0.6, seconds=30.0), slide(friction=0.9, seconds=60.0)
     parts = [part for one in some for part in figures_of(one)]
     assert mean_of(parts)["friction_current"] == pytest.approx(0.8)
 
 
-def test_motion_one_way_and_a_window_without_current_have_no_figures():
+def test_one_way_motion_and_a_window_without_current_have_no_figures():
     still = slide()
     for command, current in (
         (np.zeros(len(still)), still.current),
@@ -61,7 +61,7 @@ def test_motion_one_way_and_a_window_without_current_have_no_figures():
         assert figures_of(replace(still, command=command, current=current)) == []
 
 
-def test_motion_differs_by_a_ratio():
+def test_motions_are_alike_if_their_ratio_is_near_one():
     motion = Motion(0.04, 2.0, 1.0)
     assert motion.is_like(Motion(0.04, 2.05, 0.98))
     assert not motion.is_like(Motion(0.04, 2.0, 1.4))

@@ -50,7 +50,7 @@ def measured(joint: Joint, motion: Motion, by: float = 0.0, seed: int = 9) -> Te
 
 @pytest.mark.parametrize("by", [0.2, -0.5, 1.5, 3.0, 1e5])
 @pytest.mark.parametrize("payload", [1.0, 1.3])
-def test_another_zero_is_measured(calibration, motion, by, payload):
+def test_different_zero_is_measured(calibration, motion, by, payload):
     preparation = calibration.baseline.preparation
     telemetry = measured(JOINT.times(gravity=payload), motion, by)
     rows = filtered(block_means(telemetry, described(), preparation.cutoff_hz), preparation)
@@ -59,7 +59,7 @@ def test_another_zero_is_measured(calibration, motion, by, payload):
 
 
 @pytest.mark.parametrize("by", [0.2, -0.5, 1.5, 1e5])
-def test_another_zero_is_named(calibration, motion, by):
+def test_different_zero_is_named(calibration, motion, by):
     estimate = identify_record(window_of(measured(JOINT, motion, by)), described(), calibration)
     assert HINT in estimate.reason
     way = math.remainder(by, 2.0 * math.pi)
@@ -79,6 +79,6 @@ CHANGES: list[dict[str, float]] = [
 
 @pytest.mark.parametrize("factors", CHANGES, ids=str)
 @pytest.mark.parametrize("seed", [9, 10, 11])
-def test_changes_are_no_other_zero(calibration, motion, factors, seed):
+def test_changes_are_not_mistaken_for_a_different_zero(calibration, motion, factors, seed):
     telemetry = measured(JOINT.times(**factors), motion, seed=seed)
     assert HINT not in identify_record(window_of(telemetry), described(), calibration).reason
