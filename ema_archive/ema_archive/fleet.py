@@ -32,48 +32,36 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class FleetSummary:
-    """State of a fleet. Rows are mappings with plain values; unknown values are None.
-
-    Attributes
-    ----------
-    bags
-        Numbers of all bags, and of unreadable, incomplete, temporarily unreadable and unprocessed
-        bags; addresses of up to three unread bags.
-    levels
-        Numbers of units in total and at each level, median health index, and time of the latest
-        test.
-    worst
-        Units from the view ``worst_first``, worst first.
-    models
-        Number of units by model and level, with medians of health index, known remaining life [h]
-        and service hours.
-    ages
-        Number of units by class of service hours.
-    survival
-        Survival curve as up to 500 ``SurvivalStep`` items.
-    lives, failures, longest_age
-        Number of observed lives, number that ended in ERROR, and longest observed age [h].
-    calibrations
-        Number of units by age of the calibration at the latest test.
-    recent
-        Number of units tested in recent days.
-    months
-        Numbers of tested units, known units, windows and valid windows, for each month of the last
-        three years.
-    """
+    """State of a fleet. Rows are mappings with plain values; unknown values are None."""
 
     bags: Row
+    """Numbers of all bags, and of unreadable, incomplete, temporarily unreadable and unprocessed
+    bags; addresses of up to three unread bags."""
     levels: Row
+    """Numbers of units in total and at each level, median health index, and time of the latest
+    test."""
     worst: list[Row]
+    """Units from the view ``worst_first``, worst first."""
     models: list[Row]
+    """Number of units by model and level, with medians of health index, known remaining life [h]
+    and service hours."""
     ages: list[Row]
+    """Number of units by class of service hours."""
     survival: list[Row]
+    """Survival curve as up to 500 ``SurvivalStep`` items."""
     lives: int
+    """Number of observed lives."""
     failures: int
+    """Number of lives that ended in ERROR."""
     longest_age: float
+    """Longest observed age [h]."""
     calibrations: list[Row]
+    """Number of units by age of the calibration at the latest test."""
     recent: list[Row]
+    """Number of units tested in recent days."""
     months: list[Row]
+    """Numbers of tested units, known units, windows and valid windows, for each month of the last
+    three years."""
 
 
 def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> FleetSummary:

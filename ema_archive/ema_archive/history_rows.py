@@ -83,22 +83,16 @@ it is known."""
 
 @dataclass(frozen=True)
 class KeptHistory:
-    """History of a unit as rows, with the identity of its inputs.
-
-    Attributes
-    ----------
-    made_by, digest
-        Identity of settings and code, and digest of windows, counts and duty.
-    windows
-        Number of windows in the history.
-    tables
-        Rows, keyed by the names in ``HISTORY_TABLES``.
-    """
+    """History of a unit as rows, with the identity of its inputs."""
 
     made_by: str
+    """Identity of settings and code."""
     digest: str
+    """Digest of windows, counts and duty."""
     windows: int
+    """Number of windows in the history."""
     tables: Mapping[str, pa.Table]
+    """Rows, keyed by the names in ``HISTORY_TABLES``."""
 
 
 def kept_history(

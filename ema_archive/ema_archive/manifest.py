@@ -48,40 +48,36 @@ _PAGE: Final = 20_000
 
 @dataclass(frozen=True)
 class Status:
-    """Status of an archive.
-
-    Attributes
-    ----------
-    bags, gone, due, damaged, incomplete, failed
-        Number of bags in total, missing and due, and number of existing bags that are unreadable,
-        incomplete or temporarily unreadable.
-    reasons
-        Number of due bags, keyed by reason.
-    units, units_due
-        Number of units, and of units with outdated health and life.
-    windows, valid, unordered
-        Number of windows in total, with a valid and used estimate, and with a valid estimate that
-        is refused because the order of tests is unknown.
-    damaged_tables
-        Tables with unreadable rows.
-    of_no_unit
-        Unread bags that cannot be assigned to a unit.
-    """
+    """Status of an archive."""
 
     bags: int
+    """Number of bags."""
     gone: int
+    """Number of missing bags."""
     due: int
+    """Number of bags to process."""
     damaged: int
+    """Number of existing bags that are unreadable."""
     incomplete: int
+    """Number of existing bags that are incomplete."""
     failed: int
+    """Number of existing bags that are temporarily unreadable."""
     reasons: dict[str, int]
+    """Number of due bags, keyed by reason."""
     units: int
+    """Number of units."""
     units_due: int
+    """Number of units with outdated health and life."""
     windows: int
+    """Number of windows."""
     valid: int
+    """Number of windows with a valid and used estimate."""
     unordered: int
+    """Number of windows whose valid estimate is refused because the order of tests is unknown."""
     damaged_tables: list[str]
+    """Tables with unreadable rows."""
     of_no_unit: list[str]
+    """Unread bags that cannot be assigned to a unit."""
 
 
 class Manifest(Store):

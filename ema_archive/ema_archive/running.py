@@ -33,28 +33,24 @@ Follow = Callable[[str, int, int, int], None]
 
 @dataclass
 class RunTally:
-    """Counts of a run.
-
-    Attributes
-    ----------
-    bags, damaged, incomplete, failed
-        Number of processed bags in total, unreadable, incomplete, and temporarily unreadable.
-    units, followed
-        Number of units with updated health and life, and number of windows processed for them.
-    not_followed
-        Units whose health and life could not be updated, with the reason.
-    mended
-        Messages about repaired defects of the tables.
-    """
+    """Counts of a run."""
 
     bags: int = 0
+    """Number of processed bags."""
     damaged: int = 0
+    """Number of unreadable bags."""
     incomplete: int = 0
+    """Number of incomplete bags."""
     failed: int = 0
+    """Number of temporarily unreadable bags."""
     units: int = 0
+    """Number of units whose health and life were updated."""
     followed: int = 0
+    """Number of windows processed for these units."""
     not_followed: dict[str, str] = field(default_factory=dict)
+    """Units whose health and life could not be updated, with the reason."""
     mended: list[str] = field(default_factory=list)
+    """Messages about repaired defects of the tables."""
 
 
 class _Batch(Generic[Result]):

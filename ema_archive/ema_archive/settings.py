@@ -35,30 +35,21 @@ def prognosis_software() -> str:
 
 @dataclass(frozen=True)
 class ArchiveSettings:
-    """Settings with which an archive is computed.
-
-    Attributes
-    ----------
-    calibration
-        Path of the calibrations, with placeholders ``{actuator_id}`` and ``{serial_number}``. If it
-        is empty, ``calibration.yaml`` in the folder of the bag is used, or else the shipped
-        calibration.
-    trigger
-        Trigger settings that define the windows of a bag.
-    measured_max_age_s
-        Largest age of a recorded measurement of a hidden cause at the start of a window [s].
-    search
-        Settings of the fault search. Every search starts cold, so that a bag's estimates depend
-        only on that bag.
-    prognosis
-        Settings of health and life.
-    """
+    """Settings with which an archive is computed."""
 
     calibration: str = ""
+    """Path of the calibrations, with placeholders ``{actuator_id}`` and ``{serial_number}``. If it
+    is empty, ``calibration.yaml`` in the folder of the bag is used, or else the shipped
+    calibration."""
     trigger: TriggerSettings = field(default_factory=TriggerSettings)
+    """Trigger settings that define the windows of a bag."""
     measured_max_age_s: float = MAX_AGE_S
+    """Largest age of a recorded measurement of a hidden cause at the start of a window [s]."""
     search: SearchSettings = field(default_factory=lambda: SearchSettings(warm_start=False))
+    """Settings of the fault search. Every search starts cold, so that a bag's estimates depend only
+    on that bag."""
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+    """Settings of health and life."""
 
     @property
     def estimation_id(self) -> str:

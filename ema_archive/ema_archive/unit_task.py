@@ -84,27 +84,18 @@ class UnitTask:
 
 @dataclass(frozen=True)
 class UnitResult:
-    """Health and life of a unit.
-
-    Attributes
-    ----------
-    made_by
-        Identity of the inputs, from the function `made_by`.
-    software
-        Digest of the source code of the worker.
-    tables
-        Rows, keyed by the names in ``UNIT_TABLES``.
-    kept
-        History for the next task; None if it cannot be extended.
-    followed
-        Number of newly processed windows.
-    """
+    """Health and life of a unit."""
 
     made_by: str
+    """Identity of the inputs, from the function `made_by`."""
     software: str
+    """Digest of the source code of the worker."""
     tables: dict[str, pa.Table]
+    """Rows, keyed by the names in ``UNIT_TABLES``."""
     kept: KeptHistory | None
+    """History for the next task; None if it cannot be extended."""
     followed: int
+    """Number of newly processed windows."""
 
 
 def made_by(settings: ArchiveSettings, calibration_id: str) -> str:

@@ -80,24 +80,16 @@ class Mistake(NamedTuple):
 
 @dataclass(frozen=True)
 class ColumnError:
-    """Columns that are wrong by a common factor.
-
-    Attributes
-    ----------
-    columns
-        Names of the wrong columns: command, position, speed or current.
-    factor
-        Ratio of the values to the expected values [-].
-    reference
-        Reference that the columns contradict.
-    mistakes
-        Common mistakes that together explain the factor; empty if none do.
-    """
+    """Columns that are wrong by a common factor."""
 
     columns: tuple[str, ...]
+    """Names of the wrong columns: command, position, speed or current."""
     factor: float
+    """Ratio of the values to the expected values [-]."""
     reference: Reference
+    """Reference that the columns contradict."""
     mistakes: tuple[Mistake, ...] = ()
+    """Common mistakes that together explain the factor; empty if none do."""
 
     @classmethod
     def of(cls, columns: tuple[str, ...], factor: float, reference: Reference, tau: float) -> Self:
