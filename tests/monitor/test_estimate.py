@@ -97,20 +97,9 @@ def test_record_with_an_unknown_reason_is_refused():
         estimate_of(estimate_record(ESTIMATE) | {"reasons": [{"code": "rust"}]})
 
 
-def test_record_of_an_earlier_version_names_alternatives_by_their_labels():
-    labels = [
-        ["inertia", "equal short circuits of all phases"],
-        ["short circuit A and short circuit B", "delay of the command"],
-    ]
-    record = estimate_record(ESTIMATE) | {"alternatives": labels}
-    shorts = ("short_circuit_a", "short_circuit_b")
-    assert estimate_of(record).alternatives == (
-        Alternative(("inertia",), EQUAL_SHORTS),
-        Alternative(shorts, ("command_delay",)),
-    )
-
-
-@pytest.mark.parametrize("alternative", [["rust", "friction"], ["friction"], {"part": []}])
+@pytest.mark.parametrize(
+    "alternative", [["friction", "gain"], {"part": []}, {"part": ["rust"], "stand_in": ["gain"]}]
+)
 def test_record_with_an_unknown_alternative_is_refused(alternative):
     record = estimate_record(ESTIMATE) | {"alternatives": [alternative]}
     with pytest.raises((ValueError, KeyError)):

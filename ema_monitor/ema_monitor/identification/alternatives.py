@@ -4,11 +4,11 @@
 The method is described in ``docs/identification.md``, M27.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from ema_core.faults import FAULT_NAMES
-from ema_monitor.reason_texts import AND, EQUAL_SHORTS, EQUAL_SHORTS_LABEL, LABELS
+from ema_monitor.reason_texts import LABELS
 
 Part = tuple[str, ...]
 """Part of an explanation: the names of its faults, or the name of a hidden cause."""
@@ -39,26 +39,19 @@ def faults_of(parts: Iterable[Part]) -> list[int]:
 
 
 def alternative_of(record: Any) -> Alternative:
-    """Return an alternative from the output of ``as_record``, or from two labels (version 0.1).
+    """Return an alternative from the output of ``as_record``.
 
     Raises
     ------
     ValueError, KeyError
-        If a name is neither a fault nor a hidden cause, or the number of parts is not two.
+        If it is not such an output, or a name is neither a fault nor a hidden cause.
     """
-    pair = record
-    if isinstance(record, dict):
-        pair = record["part"], record["stand_in"]
-    part, stand_in = map(_part_of, pair)
-    return Alternative(part, stand_in)
+    if not isinstance(record, Mapping):
+        raise ValueError(f"alternative {record!r}: expected a mapping with part and stand_in")
+    return Alternative(_part_of(record["part"]), _part_of(record["stand_in"]))
 
 
-def _part_of(value: Any) -> Part:
-    if value == EQUAL_SHORTS_LABEL:
-        return EQUAL_SHORTS
-    if isinstance(value, str):
-        names = {label: name for name, label in LABELS.items()}
-        value = [names.get(label, label) for label in value.split(AND)]
-    if not value or any(name not in LABELS for name in value):
-        raise ValueError(f"alternative {value!r}: expected names of faults or of a hidden cause")
-    return tuple(value)
+def _part_of(names: Any) -> Part:
+    if not names or isinstance(names, str) or any(name not in LABELS for name in names):
+        raise ValueError(f"alternative {names!r}: expected names of faults or of a hidden cause")
+    return tuple(names)
