@@ -22,8 +22,8 @@ WORST_RATIO: Final = 2.0
 The ratio is the cost of a unit with the fault, divided by the cost of a healthy unit with
 deviations.
 
-Measured 0.4 to 1.5 for a phase shorted by 45 to 60 %, and 1.0 to 5 for 18 healthy units, which show
-no fault beyond its limit."""
+Measured ratios are 0.4 to 1.5 for a phase shorted by 45 to 60 %, and 1.0 to 5 for 18 healthy units,
+which show no fault beyond its limit."""
 
 _WINDOWS: Final = 2
 

@@ -166,7 +166,7 @@ class Tracked:
     doubtful: bool = False
     """Whether the latest test disagrees and needs confirmation by the next test."""
     is_recent: bool = True
-    """Whether a recent test has determined the fault; otherwise the fault is not OK."""
+    """Whether a recent test has determined the fault; otherwise its level cannot be OK."""
 
 
 def assess(

@@ -54,7 +54,7 @@ class Naming(StrEnum):
 
 
 class CauseProspect(NamedTuple):
-    """Result for a healthy actuator with a hidden cause of a usual size."""
+    """Expected test result of a healthy actuator with one hidden cause of a usual size."""
 
     name: str
     """Name of the cause."""
@@ -65,7 +65,7 @@ class CauseProspect(NamedTuple):
     not_told_from: tuple[Part, ...] = ()
     """Faults and causes that the test cannot separate from the cause, each a tuple of names."""
     beside: tuple[str, ...] = ()
-    """Names of the further causes and faults in the estimate."""
+    """Names of the other causes and faults in the estimate."""
 
     @property
     def meaning(self) -> str:

@@ -75,7 +75,7 @@ class Files(Checked):
 
 @dataclass(frozen=True)
 class Operation(Checked):
-    """Actuators, queue, staleness, calibration, measured causes and histories of a monitor."""
+    """Limits, timeouts, baseline acceptance and clock of a running monitor."""
 
     most_actuators: int = quantity(
         100, "-", 1, 10_000, "largest number of actuators to monitor; further ones are refused"

@@ -78,7 +78,7 @@ class Entry:
     """
 
     estimate: Estimate
-    """Estimate of its window."""
+    """Estimate of the test's window."""
     hours: float
     """Service hour of the test according to ``hours_per_cycle`` [h]; NaN if counted or unknown."""
     cycles: int
@@ -89,7 +89,7 @@ class Entry:
     flown: FlownDuty = NOTHING_FLOWN
     """Duty since the previous valid test, as far as telemetry covers it."""
     shift_ns: int = 0
-    """Correction added to the stamps of its estimate to put the test in order [ns]."""
+    """Correction added to the stamps of the estimate to put the test in order [ns]."""
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -106,12 +106,12 @@ class Entry:
 
     @property
     def verdict(self) -> str:
-        """Verdict of its estimate."""
+        """Verdict of the estimate."""
         return self.estimate.verdict
 
     @property
     def parts(self) -> tuple[WindowFigures, ...]:
-        """Figures of the windows of its estimate."""
+        """Figures of the windows of the estimate."""
         return self.estimate.parts
 
 
@@ -123,14 +123,14 @@ class UnusedCycle:
     """Time of the window's end, by which tests are ordered [ns]."""
     verdict: str
     reasons: tuple[Reason, ...] = ()
-    """Verdict of its estimate, and the reasons that it is not valid."""
+    """Verdict of the estimate, and the reasons why it is not valid."""
     flown: FlownDuty = NOTHING_FLOWN
     """Duty since the previous test cycle, as far as telemetry covers it."""
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
-    """Figures of the windows of its estimate, and comparison with healthy records."""
+    """Figures of the windows of the estimate, and comparison with healthy records."""
     shift_ns: int = 0
-    """Correction added to its stamps to put the test in order [ns]."""
+    """Correction added to the stamps of the test to put it in order [ns]."""
     is_ordered: bool = True
     """Whether its position among the tests is known."""
 

@@ -23,7 +23,7 @@ class Place(NamedTuple):
     """Position of a test among the tests of its unit."""
 
     shift_ns: int = 0
-    """Correction of its stamp that puts it after all earlier tests [ns]."""
+    """Correction of the stamp that puts the test after all earlier tests [ns]."""
     problem: OrderUnknown | None = None
     """Reason why the order of the tests is unknown; None if it is known."""
     is_known: bool = False

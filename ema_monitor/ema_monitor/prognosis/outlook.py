@@ -24,7 +24,7 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Claim(NamedTuple):
-    """Origin and validity of a level."""
+    """Origin and validity of a published health level."""
 
     measured_ns: int = 0
     """Stamp of the newest test, valid or refused [ns]: the level describes the unit at that

@@ -14,16 +14,16 @@ from ema_monitor.prognosis.service import Service
 
 @dataclass(frozen=True)
 class PrognosisSettings:
-    """Settings of a prognosis."""
+    """Settings of the health assessment and the prognosis of a unit."""
 
     limits: HealthLimits = field(default_factory=HealthLimits)
     """Fault limits at which life ends."""
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
     """Limits of the required performance."""
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
-    """Assumptions on growth."""
+    """Assumptions about growth and measurement noise."""
     service: Service = field(default_factory=Service)
-    """Assumptions on use."""
+    """Assumptions about the usage of the unit."""
     fleet: FleetGrowth | None = None
     """Growth evidence of other units; None if there is none."""
     damage: DamageSettings = field(default_factory=DamageSettings)

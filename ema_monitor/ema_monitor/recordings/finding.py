@@ -195,7 +195,7 @@ def find_recorded_windows(
 def _recorded_window(
     segment: Segment, recorded: RecordedTelemetry, latest: _Places
 ) -> RecordedWindow:
-    """Return the window that the last block completed, with the place of its samples in the bag."""
+    """Return the window that the last block completed, with the position of its samples."""
     window, play = segment.window, None
     measured: tuple[CauseEstimate, ...] = ()
     place: WindowPlace | Refusal

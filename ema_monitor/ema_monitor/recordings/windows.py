@@ -31,13 +31,13 @@ _KEPT_SAMPLES: Final = 2_000_000
 
 @dataclass(frozen=True)
 class WindowPlace:
-    """Place of the samples of a window in a bag."""
+    """Position of the samples of a window in a bag."""
 
     recorded: RecordedTelemetry
     first: MessagePlace
-    """Place of the block with the first sample."""
+    """Position of the block with the first sample."""
     last: MessagePlace
-    """Place of the block with the last sample."""
+    """Position of the block with the last sample."""
     offset: int
     """Index of the first sample in the first block."""
     span: int
@@ -75,7 +75,7 @@ class RecordedWindow:
     play: float | None
     """Position of the motor within its backlash at the start [half-widths]; None if unknown."""
     place: WindowPlace | Refusal
-    """Place of the samples, or the refusal of the window."""
+    """Position of the samples in the bag, or the refusal of the window."""
     measured: tuple[CauseEstimate, ...] = ()
     """Measured hidden causes."""
     is_remainder: bool = False

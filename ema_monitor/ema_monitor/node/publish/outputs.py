@@ -106,7 +106,7 @@ class Outputs:
         self._publish(topics.BASELINE, status)
 
     def publish_curve(self, curve: FrictionCurve) -> None:
-        """Publish the friction over speed of the latest record."""
+        """Publish the friction curve (friction over speed) of the latest record."""
         self._publish(topics.FRICTION_CURVE, curve)
 
     def publish_forecast(self, forecaster: Forecaster, description: ActuatorDescription) -> None:

@@ -233,7 +233,7 @@ class Admission:
         return OK, monitored
 
     def figures(self, followed: Collection[str]) -> dict[str, Any]:
-        """Return the key-value pairs of the status."""
+        """Return the key-value pairs of the admission status."""
         return {
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),

@@ -83,7 +83,7 @@ class IdentificationWorker:
         )
 
     def status(self) -> tuple[int, str]:
-        """Return level and message for ``/diagnostics``."""
+        """Return level and message of the identification thread for ``/diagnostics``."""
         if not self.thread.is_alive:
             return WARN, "not active"
         if self.thread.failure:

@@ -33,6 +33,8 @@ _BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 class FutureDuty:
     """Growth hours per future service hour; by default, usage continues as in the past.
 
+    A growth hour is the time at the reference duty that causes the same damage (P23).
+
     Raises
     ------
     ValueError
@@ -43,8 +45,8 @@ class FutureDuty:
     """Factor of growth in addition to the paths [-]."""
     present: Array = field(default_factory=lambda: _BY_HOURS)
     later: Array = field(default_factory=lambda: _BY_HOURS)
-    """Growth hours of each component per service hour after the end of the present duty, on one or
-    several paths, ``(7, p)`` [-]."""
+    """Growth hours of each component per service hour, during the present duty and after its end,
+    on one or several paths, ``(7, p)`` each [-]."""
     lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
     """Service hours for which the present duty lasts on each path, ``(p,)`` [h]."""
     since_hours: float = np.nan

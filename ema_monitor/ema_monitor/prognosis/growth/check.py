@@ -55,7 +55,7 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """Calibration of a fault's predictions."""
+    """Calibration of a fault's past predictions, as scored by its later tests."""
 
     one_step: float = math.nan
     ahead: float = math.nan

@@ -133,7 +133,7 @@ class KnownLaw(Checked):
 
     @classmethod
     def of(cls, law: str, rate: float, second: float, rate_sigma: float = 0.5) -> "KnownLaw":
-        """Return a law; ``second`` is the diffusion for ``drift``, else the shape."""
+        """Return a known law; ``second`` is the diffusion of law ``drift``, else the shape."""
         if law == "drift":
             return cls(law, rate, rate_sigma, diffusion=second)
         return cls(law, rate, rate_sigma, shape=second)

@@ -38,7 +38,8 @@ from ema_monitor.model.kernel import ModelState, advance
 from ema_monitor.model.threads import run_in_threads
 
 LONGEST_STEP: Final = 5e-5
-"""Longest integration step [s]; compared with 1 us, no performance changes by more than 0.5 %."""
+"""Longest integration step [s]. Compared with 1 us, it changes no performance by more than 0.5
+%."""
 
 HALF_POWER: Final = math.sqrt(0.5)
 """Amplitude ratio at -3 dB [-]."""

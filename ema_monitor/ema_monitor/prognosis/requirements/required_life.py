@@ -29,7 +29,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.requirements.surrogate import Surrogate
 
 OVERALL: Final = "any requirement"
-"""Criterion of the life by all requirements if no requirement is known to fail."""
+"""Criterion of the overall life if no requirement is known to fail."""
 
 NODES: Final = 9
 """Times at which every trajectory is evaluated before the crossing is bisected."""
