@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor model a second time: plain Python, written from its equations alone.
+"""An independent implementation of the monitor model in plain Python, from its equations.
 
-The driven pair comes from the commutation of the reference, degree by degree, faults come in by
-name, and nothing is shared with the kernels but the table of parameters. One call of `step` does
-controller, drive, filter and mechanics in order, each with what the parts before it left.
+The driven pair follows from the commutation of the reference, degree by degree, faults are given by
+name, and only the table of parameters is shared with the kernels. A call of `step` computes
+controller, drive, filter and mechanics in order, each from the results of the parts before it.
 """
 
 import cmath
@@ -16,7 +16,7 @@ from ..sim.reference_twin import PHASES, driven, move, saturate, sign
 
 
 def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
-    """Factor of eq. 4.24; its sawtooth (4.25) rises from 0 to 2 six times a turn."""
+    """Return the factor of eq. 4.24; its sawtooth (4.25) rises from 0 to 2 six times per turn."""
     sawtooth = 2 * ((6 * theta_e - math.pi) / (2 * math.pi) % 1)
     wave = math.cos(theta_e + phi) + sawtooth * math.sin(theta_e - math.pi)
     return 1 - 0.42 * zeta * wave
@@ -79,7 +79,7 @@ class MonitorTwin:
         self.torque = 0.0
         self.ripple = 0.0
         self.last_error = self._speed_error(command, position)
-        # The integrator holds what the current at the start cannot owe to the error.
+        # The integrator holds the part of the initial current that the error does not explain.
         self.integral = 0.0
         if p.GAI > 0:
             self.integral = (current * p.k_t - self.GAP * self.last_error) / p.GAI
@@ -89,9 +89,9 @@ class MonitorTwin:
     def samples(
         self, commands: Sequence[float], steps: int, watch: Callable[["MonitorTwin"], None]
     ) -> tuple[list[float], list[float]]:
-        """Mean current of each sample and speed at its end; the first command is the start's.
+        """Return the mean current of each sample and the speed at its end.
 
-        `watch` is called after every step.
+        The first command applies at the start. `watch` is called after every step.
         """
         means, speeds = [], []
         for k in range(1, len(commands)):
@@ -106,7 +106,7 @@ class MonitorTwin:
         return self._sensed("current", means, period), self._sensed("speed", speeds, period)
 
     def _sensed(self, quantity: str, row: list[float], period: float) -> list[float]:
-        """What a sensor makes of a row: its value some time before, interpolated."""
+        """Return the readings of a sensor for a row: its interpolated values at an earlier time."""
         offset, gain, delay = (
             self.deviations.get(f"{quantity}_{name}", 0) for name in ("offset", "gain", "delay")
         )
@@ -124,7 +124,7 @@ class MonitorTwin:
         I_ref = self._reference_current(error)
         self.integral += error * self.dt
         self.last_error = error
-        # Where the motor stands before it turns on decides which pair is driven.
+        # The motor position at the beginning of the step determines the driven pair.
         if self.form == "fast":
             self._fast_drive(I_ref)
         else:
@@ -160,7 +160,8 @@ class MonitorTwin:
     def _fast_drive(self, I_ref: float) -> None:
         p = self.actuator
         s = self._commutation()
-        # Behind the driven phases' plateaus the shape of the back-EMF is the sign of the current.
+        # Outside the plateaus of the driven phases, the shape of the back-EMF has the sign of the
+        # current.
         k = [
             self.k_e
             / 2
@@ -192,9 +193,9 @@ class MonitorTwin:
         self.torque = saturate(self.G_M * K * self.I, p.T_max)
 
     def _mechanics(self) -> None:
-        # The load turns with the user shaft, behind the play.
+        # The load moves with the user shaft, after the play.
         T = self.torque - self.load - self.stiffness * self.theta_out * self.actuator.tau
-        # Where the ripple keeps a motor at rest in motion, at 0.1 rad/s, it is the same.
+        # The ripple keeps a motor at rest in motion at about 0.1 rad/s.
         square = self.stribeck_speed**2
         slowness = square / (square + self.omega**2 + 0.1**2)
         f_d = self.f_d + (self.f_s - self.f_d) * slowness**2

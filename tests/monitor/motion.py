@@ -20,12 +20,12 @@ SETTINGS = TriggerSettings(windows=ANY_MOTION)
 
 
 def moves(seconds: float, seed: int = 3, rate: float = 0.3) -> np.ndarray:
-    """Random smooth moves with dwells [rad]."""
+    """Return random smooth moves with dwells [rad]."""
     return Command("moves", amplitude=0.008, rate=rate, duration=seconds, seed=seed).sample(H)
 
 
 def moved(command: np.ndarray, *, load: float = 0.3, **faults: float) -> Telemetry:
-    """Telemetry of an actuator that follows a command."""
+    """Return telemetry of an actuator that follows a command."""
     actuator = SimulatedActuator()
     actuator.faults = fault_vector(faults)
     actuator.causes = {"load_torque": load}
@@ -33,7 +33,7 @@ def moved(command: np.ndarray, *, load: float = 0.3, **faults: float) -> Telemet
 
 
 def stretches_of(telemetry: Telemetry, size: int = 1000) -> list[Window]:
-    """The stretches in telemetry that is received in blocks of a size."""
+    """Return the stretches in telemetry that is received in blocks of ``size`` samples."""
     trigger = StretchTrigger(FLAP.parameters, SETTINGS)
     events = [event for block in blocks(telemetry, size) for event in trigger.feed(block)]
     return only(Window, events)

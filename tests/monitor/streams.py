@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Streams of telemetry that carry a command and columns that tell the samples apart."""
+"""Streams of telemetry with a command, and other columns that identify the samples."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -16,20 +16,20 @@ START_NS = 1_700_000_000_000_000_000
 
 
 def stream(command: NDArray[np.float64], first_index: int = 1) -> Telemetry:
-    """Telemetry with a command, whose other columns count its samples."""
+    """Return telemetry with a command, whose other columns count its samples."""
     count = np.arange(len(command), dtype=float)
     columns = (command, count, 1e6 + count, 2e6 + count)
     return Telemetry(START_NS + PERIOD_NS * first_index, H, first_index, *columns)
 
 
 def only(kind: type[Kind], events: Sequence[object]) -> list[Kind]:
-    """Return events of which each must be of a kind."""
+    """Return the events, after checking that each is of a kind."""
     found = [event for event in events if isinstance(event, kind)]
     assert len(found) == len(events), events
     return found
 
 
 def blocks(telemetry: Telemetry, size: int) -> list[Telemetry]:
-    """Cut telemetry into blocks of a size."""
+    """Cut telemetry into blocks of ``size`` samples."""
     n = len(telemetry)
     return [telemetry.part(start, min(start + size, n)) for start in range(0, n, size)]

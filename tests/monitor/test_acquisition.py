@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telemetry that is slower, sampled in other ways or lacks columns: model, limits and verdicts."""
+"""Telemetry with lower rates, other sampling or missing columns: model, limits and verdicts."""
 
 from dataclasses import replace
 from functools import cache
@@ -63,7 +63,8 @@ def unit(way: str) -> Unit:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "largest"),
-    # Several times the medians of benchmarks/sampling.py; without the current, shorts hardly show.
+    # Several times the medians of benchmarks/sampling.py; without the current, short circuits are
+    # hardly visible.
     [("500 Hz", 2), ("filtered", 2), ("instantaneous", 4), ("no speed", 2.5), ("no current", 12)],
 )
 def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: float):
@@ -121,12 +122,12 @@ def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
 
 
 def test_filtered_current_is_the_filter_of_the_current():
-    """Of means over 20 us, the model's step, through the filter in closed form."""
+    """The closed form of the filter is applied to means over 20 us, the step of the model."""
     command = 3e-3 * np.sin(90.0 * 2e-5 * np.arange(5001))
     fine = window_from(command, sample_period=2e-5)
     coarse = window_from(command[::50], sample_period=1e-3)
     parameters, tau = ActuatorParameters(), 8e-4
-    # One step a sample, whose mean is its value.
+    # One step per sample, so that its mean is its value.
     [steps] = MonitorModel(parameters).respond(fine, healthy_faults()).current
     model = MonitorModel(parameters, acquisition=Acquisition("filtered", tau))
     [filtered] = model.respond(coarse, healthy_faults()).current
@@ -143,7 +144,7 @@ def test_filtered_current_is_the_filter_of_the_current():
 
 
 def test_speed_by_position_is_that_of_the_shaft_behind_the_play():
-    """The model's mean speed over samples adds up to its travel, play and all."""
+    """The mean speeds of the model over samples add up to its travel, including the play."""
     command = 3e-3 * np.sin(60.0 * 1e-3 * np.arange(201))
     parameters = ActuatorParameters()
     window = window_from(command, sample_period=1e-3)
@@ -152,9 +153,9 @@ def test_speed_by_position_is_that_of_the_shaft_behind_the_play():
     [by_shaft] = model.respond(window, backlash).speed
     [of_motor] = MonitorModel(parameters).respond(window, backlash).speed
     travelled = 1e-3 * parameters.tau * np.cumsum(by_shaft)
-    # The loop lags by omega / G_prop, 0.9 mrad at the most, and in the play.
+    # The loop lags by omega / G_prop, at most 0.9 mrad, and within the play.
     assert np.max(np.abs(travelled - command[1:])) < 1e-3
-    # Across the play the motor turns and the shaft does not.
+    # Within the play, the motor turns and the shaft does not.
     assert np.any((by_shaft == 0.0) & (np.abs(of_motor) > 10.0))
 
 

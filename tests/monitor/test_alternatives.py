@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of an explanation are compared by name; labels are made where they are shown."""
+"""Parts of an explanation are compared by name; labels are added when they are shown."""
 
 from ema_monitor.design.rehearsal import confused_with, fewest
 from ema_monitor.identification.alternatives import Alternative, faults_of, names_of

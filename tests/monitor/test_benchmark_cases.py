@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validation windows of the benchmarks are the same in every run, and foreign actuators as said."""
+"""Validation windows of the benchmarks are reproducible, and foreign actuators are as described."""
 
 from types import ModuleType
 
@@ -29,7 +29,7 @@ def run(plant, faults=(), **causes):
 def test_plant_behaves_as_the_registries_of_faults_and_causes_state(effects, effects_of):
     plant = effects.draw_plant(7, getattr(effects, effects_of))
     healthy = run(plant)
-    # A lag of 5 ms: the position loop closes at tau G_prop, 200 rad/s.
+    # A lag of 5 ms: the bandwidth of the position loop is tau G_prop, 200 rad/s.
     assert np.max(np.abs(healthy.position - COMMAND)) < 1e-3
     assert np.corrcoef(np.gradient(healthy.position, STEP), healthy.speed / 500.0)[0, 1] > 0.99
     rubbing = run(plant, {"friction": 0.5})
@@ -37,7 +37,7 @@ def test_plant_behaves_as_the_registries_of_faults_and_causes_state(effects, eff
     # The flap stands still while the motor crosses the play, a quarter of a radian.
     loose = run(plant, {"backlash": 0.5})
     assert np.sum(np.diff(loose.position) == 0.0) > np.sum(np.diff(healthy.position) == 0.0)
-    # Sensors: up to twice the resolution, at most 0.02 A each; the same noise.
+    # Sensors: up to twice the resolution, at most 0.02 A each, and the same noise.
     wrong = run(plant, current_gain=0.05, current_offset=0.1)
     np.testing.assert_allclose(wrong.current, 1.05 * healthy.current + 0.1, atol=0.05)
     np.testing.assert_array_equal(wrong.speed, healthy.speed)
@@ -64,7 +64,7 @@ def test_a_case_gives_the_same_window_each_time_and_another_seed_another(cases):
     one, other = cases.healthy(2)
     window, again = (one.window(one.telemetry(), noisy=True) for _ in range(2))
     np.testing.assert_array_equal(window.current, again.current)
-    # The modulation is chaotic: another stir leaves another ripple, of some 0.1 A.
+    # The modulation is chaotic: a different tremble gives a different ripple of about 0.1 A.
     clean, another = (case.window(case.telemetry(), noisy=False) for case in (one, other))
     assert np.std(clean.current - another.current) > 0.05
 
@@ -105,7 +105,7 @@ def test_errors_of_sensors_are_as_large_as_they_state():
     np.testing.assert_allclose(
         offset.misread(telemetry).current, telemetry.current + 0.1 * most, atol=1e-9
     )
-    # 1 ms are ten samples.
+    # 1 ms is ten samples.
     late = delay.misread(telemetry).current
     np.testing.assert_allclose(late[10:], telemetry.current[:-10], atol=1e-6 * most)
     np.testing.assert_array_equal(delay.misread(telemetry).speed, telemetry.speed)

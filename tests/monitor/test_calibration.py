@@ -49,7 +49,7 @@ def test_all_that_is_different_is_named(calibration):
 def test_other_command_has_no_correction_and_the_wider_scatter(
     calibration, healthy_windows, share, has_correction
 ):
-    """Half a percent of the command's rms is the limit."""
+    """The limit is half a per cent of the rms of the command."""
     window = healthy_windows[0]
     varied = changed(window, command=window.command + share * rms(window.command))
     reference = calibration.reference(varied)
@@ -66,7 +66,7 @@ def test_other_command_has_no_correction_and_the_wider_scatter(
 
 @pytest.mark.parametrize("shift", [-25, -1, 0, 1, 40])
 def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
-    # A tone that has a single alignment.
+    # A tone with a unique alignment.
     command = 1e-3 * np.sin(2 * np.pi * (np.arange(-100, 5101) / 5000.0) ** 2 * 15.0)
     n = len(calibration.correction)
     shifted = replace(calibration, command=command[100 : 101 + n])
@@ -83,7 +83,7 @@ def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
 
 
 def test_model_is_the_nominal_one_with_the_structural_figures(calibration, healthy_windows):
-    """Motor and user shaft alike, and nothing else is changed."""
+    """Motor and user shaft have the same factors, and nothing else is changed."""
     p = PARAMETERS
     deviations = Deviations(lift=0.2, friction=0.1, inertia=-0.1, backlash=0.5, loop_gain=0.02)
     unit = replace(calibration, unit=deviations)
@@ -96,7 +96,8 @@ def test_model_is_the_nominal_one_with_the_structural_figures(calibration, healt
         model.respond(healthy_windows[0], faults, 1.0),
         strict=True,
     ):
-        # The products are rounded in another order; a chirp of 100 Hz makes some 1e-9 of that.
+        # The products are rounded in a different order; a chirp of 100 Hz amplifies this to about
+        # 1e-9.
         assert actual == pytest.approx(expected, abs=1e-6)
     assert unit.parameters == p
     assert unit.unit_parameters.as_mapping() == pytest.approx(changed_parameters.as_mapping())
@@ -116,7 +117,7 @@ def test_shift_is_found_under_noise(shift):
 
 @pytest.mark.parametrize("shift", [-2, 0, 1])
 def test_few_samples_of_a_slow_stream_are_laid_over_each_other(shift):
-    """Of 100 samples at 200 Hz, shifts of 60 would leave nothing to compare."""
+    """For 100 samples at 200 Hz, shifts of 60 would leave nothing to compare."""
     slow = CHIRP[::9][:111]
     command = slow[5 + shift : 105 + shift] + np.random.default_rng(1).normal(0, 1e-4, 100)
     assert shift_between(command, slow[5:105], 5e-3) == shift
@@ -132,7 +133,7 @@ def test_moved_row_holds_its_ends():
 def test_windows_with_a_noisy_command_are_averaged_in_step(
     healthy_windows, description, calibration
 ):
-    """Their starts jitter, their currents do not."""
+    """Their starts have jitter, their currents do not."""
     rng = np.random.default_rng(5)
     jittered = []
     for window in healthy_windows:
@@ -149,5 +150,5 @@ def test_windows_with_a_noisy_command_are_averaged_in_step(
         jittered.append(Window(detected.telemetry, window.play))
     starts = {window.telemetry.first_index for window in jittered}
     assert len(starts) > 1
-    # Out of step by a sample, the residual at each reversal would show in the scatter.
+    # A misalignment of one sample would show as scatter at each reversal.
     assert calibrate_model(jittered, description).healthy_rms < 1.3 * calibration.healthy_rms

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrations survive their files to the bit, and defective files are refused."""
+"""Calibrations are stored exactly, and defective files are refused."""
 
 import math
 from dataclasses import MISSING, fields
@@ -39,7 +39,7 @@ def content(path):
 
 @pytest.fixture
 def refused(tmp_path):
-    """Return the message of the refusal to read a file with a content."""
+    """Return a function that returns the error message for a file with a content."""
 
     def refused(content) -> str:
         path = tmp_path / "other.yaml"
@@ -80,7 +80,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(stirred_window, de
         builtin.model().respond(window, healthy_faults(), window.play), window
     )
     h, speed = window.sample_period, window.telemetry.speed[1:]
-    # The residual of a further healthy window is about the stated residual.
+    # The residual of another healthy window is close to the stated residual.
     residual = band_limited(window.current - expected.current[0], h)
     assert rms(residual) == pytest.approx(builtin.healthy_rms, rel=0.25)
     residual = band_limited(speed - expected.speed[0], h)
@@ -115,7 +115,7 @@ def test_missing_entry_is_refused_by_name(refused, content, name):
 
 
 def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path):
-    """Files of earlier versions have none; their identity, which recordings name, is kept."""
+    """Files of earlier versions have none; their identity, stored in recordings, is kept."""
     older = {**content}
     del older["travel_ratio"], older["law_offset"]
     (tmp_path / "older.yaml").write_text(yaml.safe_dump(older))
@@ -138,7 +138,7 @@ def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path
         ("parameters", {"R_s": -1.0}, "R_s = -1 ohm"),
         ("parameters", {"R_x": 1.0}, "'R_x'"),
         ("parameters", {"R_s": "low"}, "R_s = 'low'"),
-        # A missing parameter must not silently take the value of the built-in actuator.
+        # A missing parameter must not silently get the value of the built-in actuator.
         ("parameters", {"k_e": 0.07}, "is missing"),
         *(
             (name, value, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A worn unit is no baseline: calibrations that are implausible for their description."""
+"""Calibrations on worn units are refused: they are implausible for their description."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -85,7 +85,7 @@ def test_each_unit_has_its_own_file_which_outlives_the_monitor(tmp_path: Path):
     store, local = CalibrationStore(setting, tmp_path), CalibrationStore("", tmp_path / "own")
     for unit in (FLAP, RUDDER):
         assert identity(store.of(unit)) == of_unit(unit).calibration_id
-        # Files in the folder of the monitor are read only on a call.
+        # Files in the folder of the monitor are read only on request.
         assert identity(local.of(unit)) == SHIPPED.calibration_id
         assert identity(local.load(unit, "")[0]) == of_unit(unit).calibration_id
 
@@ -110,7 +110,7 @@ def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
     assert Calibration.load(path).calibration_id == of_unit(RUDDER).calibration_id
     assert identity(store.of(RUDDER)) == of_unit(RUDDER).calibration_id
     assert identity(store.of(FLAP)) == SHIPPED.calibration_id
-    # A unit in its place has a different serial number.
+    # A replacing unit has a different serial number.
     replacement = replace(RUDDER, serial_number="SIM-0003")
     assert identity(store.of(replacement)) == SHIPPED.calibration_id
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Healthy windows under a measured load or of ordinary motion, and their limits."""
+"""Healthy windows with a measured load or of ordinary motion, and their limits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ LOAD_TORQUE = NAMES.index("load_torque")
 
 @pytest.fixture(scope="module")
 def loaded() -> list[Window]:
-    """A healthy window under a load, twice."""
+    """Return a healthy window under a load, twice."""
     return 2 * find_windows(simulate(causes={"load_torque": LOAD}))
 
 
@@ -36,10 +36,10 @@ def measured(windows: Sequence[Window], value: float, sigma: float = 0.01) -> li
 
 @pytest.mark.slow
 def test_a_measured_load_is_no_deviation_of_the_unit_within_the_error_of_its_sensor(loaded):
-    """Otherwise the load becomes a deviation, and a window without load shows its opposite."""
+    """Otherwise the load would become a deviation, and a window without load its opposite."""
     blind = calibrate_model(loaded)
     sure, seeing = (calibrate_model(measured(loaded, LOAD, sigma)) for sigma in (1e-4, 0.01))
-    # 1.6 % of the load is what the fit of the unit leaves.
+    # The fit of the unit leaves 1.6 % of the load.
     assert blind.unit.load_torque == pytest.approx(LOAD, abs=0.005)
     assert seeing.unit.load_torque == pytest.approx(0.0, abs=0.005)
     assert seeing.unit.friction == pytest.approx(blind.unit.friction, abs=0.01)
@@ -47,7 +47,7 @@ def test_a_measured_load_is_no_deviation_of_the_unit_within_the_error_of_its_sen
         seeing.unit_covariance[LOAD_TORQUE, LOAD_TORQUE]
         - sure.unit_covariance[LOAD_TORQUE, LOAD_TORQUE]
     )
-    # An offset of the current, as far as its prior lets it, takes a fifth of it.
+    # An offset of the current explains a fifth of it, limited by its prior.
     assert np.sqrt(variance) == pytest.approx(0.008, rel=0.15)
 
 
@@ -59,7 +59,7 @@ def test_measured_causes_of_a_calibration_are_reported_with_their_ranges(loaded)
 
 
 def test_calibration_names_deviations_that_its_windows_did_not_show():
-    """A test cycle of a healthy unit hardly shows its play, nor viscous friction."""
+    """A test cycle of a healthy unit hardly shows its play or its viscous friction."""
     calibration = Calibration.builtin()
     assert calibration.not_learned == ("viscous_friction", "backlash")
     assert str(calibration).endswith("not learned from these windows: viscous friction, backlash")
@@ -72,7 +72,8 @@ def test_a_dwell_is_where_the_command_rests_for_twenty_milliseconds():
     ramp = np.linspace(0.0, 0.005, 1001)
     command = np.concatenate([ramp, np.full(500, 0.005), ramp[::-1], np.zeros(150)])
     moving = window_from(command).moves
-    # A sample late or early where the ramp begins: it has moved by a thousandth of its travel.
+    # A sample late or early at the start of the ramp: by then it has moved by a thousandth of its
+    # travel.
     expected = np.ones(len(command) - 1, dtype=bool)
     expected[1000:1500] = False
     assert np.count_nonzero(moving != expected) <= 4
@@ -105,7 +106,7 @@ def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
     """Slow motion alone separates the two if samples are weighted by speed."""
     windows = stretches_of(moved(moves(5.0, rate=0.2), load=0.0))
     unit, of_chirp = calibrate_model(windows, FLAP).unit, Calibration.builtin().unit
-    # Without weights 0.05 and 0.05 A apart; their priors are 0.1 and 0.125 A wide.
+    # Without weights, they differ by 0.05 A each; their priors have widths of 0.1 and 0.125 A.
     assert unit.friction == pytest.approx(of_chirp.friction, abs=0.015)
     assert unit.lift == pytest.approx(of_chirp.lift, abs=0.02)
     assert unit.inertia == pytest.approx(of_chirp.inertia, abs=0.02)

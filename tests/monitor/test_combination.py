@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Combining stretches of ordinary motion is equivalent to fitting all of them at once."""
+"""Combining stretches of ordinary motion is equivalent to fitting all stretches together."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -89,7 +89,7 @@ def knowledge(objectives, point) -> Knowledge:
 
 @pytest.fixture(scope="module")
 def second(stretches, objectives, knowledge) -> Objective:
-    """Objective of the second stretch, with the knowledge from the first."""
+    """Return the objective of the second stretch, with the knowledge from the first."""
     calibration = Calibration.builtin().of_any_motion()
     causes = objectives[1].hidden_causes
     return Objective(stretches[1], calibration, causes=causes, knowledge=knowledge)
@@ -120,7 +120,7 @@ def test_information_of_two_stretches_is_that_of_both_fitted_at_once(objectives,
 
 
 def test_uncertain_deviations_of_the_unit_do_not_average_out(stretches):
-    """The same stretch again lowers the noise, but the shift by the unit stays the same."""
+    """Repeating the same stretch lowers the noise, but the shift by the unit stays the same."""
     calibration = Calibration.builtin().of_any_motion()
     stretch = stretches[0]
     causes = load_of(stretch)
@@ -151,11 +151,11 @@ def test_estimate_of_stretches_is_right_and_names_its_stretches(stretches):
             if i == ECCENTRICITY_PHASE:
                 continue
             assert not estimate.unobservable[i], name
-            # All reached the wanted 0.02; three of these are rare.
+            # All stretches reached the wanted sigma of 0.02; errors of three sigma are rare.
             assert abs(estimate.faults[i] - truth[i]) <= 3.0 * max(estimate.sigma[i], 2e-3), name
         [load] = [cause for cause in estimate.causes if cause.name == "load_torque"]
         assert load.value == pytest.approx(0.3, abs=4.0 * load.sigma)
-    # One begins where the one before has ended.
+    # Each begins where the previous one ended.
     for before, after in pairwise(estimates):
         assert after.start_ns >= before.end_ns
     tally = combination.tally
@@ -165,7 +165,7 @@ def test_estimate_of_stretches_is_right_and_names_its_stretches(stretches):
 
 @pytest.mark.slow
 def test_repeated_motion_adds_no_information():
-    """A sine: each stretch repeats the first, with the same errors of the model."""
+    """In a sine, each stretch repeats the first one, with the same model errors."""
     t = H * np.arange(1, 40_001)
     again = stretches_of(moved(0.006 * np.sin(2.0 * np.pi * 2.0 * t), **FAULTS))
     estimates, combination = combined(again)
@@ -205,7 +205,7 @@ def test_a_fault_that_jumps_begins_a_new_combination():
     assert "does not agree" in estimates[0].reason
     assert estimates[0].stretches <= len(before)
     assert estimates[0].end_ns < after[0].end_ns <= estimates[1].start_ns + 500_000_000
-    # Some tenths of a per cent in truth; the jumps are far larger.
+    # The true difference is some tenths of a per cent; the jumps are far larger.
     assert estimates[0].faults.gain == pytest.approx(0.5, abs=0.02)
     assert estimates[1].faults.gain == pytest.approx(0.4, abs=0.02)
     assert estimates[1].faults.backlash == pytest.approx(0.3, abs=0.02)
@@ -283,8 +283,7 @@ def test_another_calibration_begins_a_new_combination(stretches):
 
 @pytest.mark.slow
 def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
-    """A bag that is played again: no estimate ends before it starts, and none waits for the time
-    to come round."""
+    """A bag is played again: no estimate ends before it starts, and no pause lasts too long."""
     hour_ns = 3_600_000_000_000
     again = [earlier(stretch, hour_ns) for stretch in stretches[:3]]
     settings = CombinationSettings(wanted_sigma=0.02)
@@ -296,7 +295,7 @@ def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
 
 
 def test_a_population_searches_in_the_coordinates_of_the_prior_knowledge(stretches):
-    """A search that begins at the expected faults has no residual of the prior knowledge."""
+    """A search that begins at the expected faults has zero residuals of the prior knowledge."""
     faults = fault_vector(FAULTS | {"eccentricity": 0.15, "eccentricity_phase": 0.9})
     calibration = Calibration.builtin().of_any_motion()
     before = Knowledge.of_range(PLAIN.encode(faults))

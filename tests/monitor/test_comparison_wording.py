@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has changed, what is unchanged and what is not judged, in words."""
+"""Texts about changed, unchanged and unjudged quantities."""
 
 from dataclasses import replace
 
@@ -157,7 +157,7 @@ def test_absolute_change_has_the_digits_of_its_smallest_change():
 
 
 def test_improvement_states_both_smallest_changes_of_a_day_without_healthy_records():
-    """The smallest change of the record itself, 6 %, may be that of a day with healthy records."""
+    """The smallest change of the record itself, 6 %, may apply to a day with healthy records."""
     of = replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.14, 0.12),))
     assert improvement_sentences(of) == [
         "6 further healthy records on 2 further days would lower the smallest detectable change "

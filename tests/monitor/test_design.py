@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Test commands by design, and what a test will show, which is told before it is made."""
+"""Design of test commands, and the predicted results of a test."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_demands_of_a_swing_are_its_own(information):
     assert demands.travel == pytest.approx(0.008, rel=1e-3)
     assert demands.longest == pytest.approx(0.5)
     assert demands.torque == pytest.approx(PARAMETERS.k_t * demands.current)
-    # The motor follows a slow swing: its largest speed is that of the command at the gear.
+    # The motor follows a slow swing: its largest speed is that of the command times the gear ratio.
     fastest = np.max(np.abs(np.diff(swing.sample(1e-4)))) / 1e-4 / PARAMETERS.tau
     assert demands.speed == pytest.approx(fastest, rel=0.25)
 
@@ -74,7 +74,7 @@ def test_limits_that_are_not_given_are_nine_tenths_of_the_actuators_own():
 
 
 def made(sigma: dict[str, float], calibration: Calibration) -> Rehearsed:
-    """A rehearsal that gave some standard deviations."""
+    """Return a rehearsal with the given standard deviations."""
 
     class Made(Rehearsed):
         @property
@@ -115,7 +115,7 @@ def test_search_finds_a_short_swing_within_the_limits(search, limits, informatio
     command = search.command(point)
     demands = information.demands(information.windows(command))
     assert max(demands.shares(limits).values()) <= 1.002
-    # Twice the chirp's standard deviation: a fourth of its time, or less.
+    # Twice the chirp's standard deviation: at most a fourth of its time.
     assert command.duration < 0.5 * THESIS_CHIRP.duration
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each deviation of a unit changes the model as its equation says, and zeros change nothing."""
+"""Each deviation of a unit changes the model by its equation, and zeros change nothing."""
 
 import numpy as np
 import pytest
@@ -42,8 +42,8 @@ def test_zeros_change_no_bit(form):
         assert one.tobytes() == other.tobytes()
 
 
-# Parameters of the actuator that a deviation stands for, and what it makes of them. Other forms of
-# the model have a twin.
+# Actuator parameters that a deviation represents, with their changed values. Other deviations are
+# compared with the twin.
 @pytest.mark.parametrize(
     ("name", "value", "parameters", "factor"),
     [
@@ -59,7 +59,7 @@ def test_zeros_change_no_bit(form):
     ],
 )
 def test_deviation_of_a_field_oriented_drive_is_another_parameter(name, value, parameters, factor):
-    """But for the gains of the current loop, which follow the nominal resistance: 0.02 A."""
+    """The gains of the current loop, which follow the nominal resistance, cause 0.02 A."""
     p = PARAMETERS.replace({"V_max": 8.0})
     other = p.replace({n: factor * getattr(p, n) for n in parameters})
     faults = {"friction": 0.2, "backlash": 0.01, "short_circuit_b": 0.2, "gain": 0.6}
@@ -73,7 +73,7 @@ def test_deviation_of_a_field_oriented_drive_is_another_parameter(name, value, p
 
 
 def test_age_of_a_sensor_may_be_any_part_of_a_sample_and_negative():
-    """By linear interpolation; what is early continues as it ends."""
+    """Values are interpolated linearly; an early sensor repeats its last value."""
     rows = np.stack([np.arange(20.0) ** 2, np.arange(20.0)])
     for samples in (0.25, 2.5, -0.5, -3.0):
         sensors = np.zeros((2, 6))
@@ -97,7 +97,7 @@ def test_corrections_are_of_what_the_sensors_show():
 
 
 def test_individuals_deviate_from_the_unit_each_for_itself():
-    """Also where they share a group of lanes."""
+    """This holds also within a group of lanes."""
     rng = np.random.default_rng(5)
     sigma = {one.name: one.sigma for one in unit_priors(PARAMETERS, 0.01)}
     rows = np.array([sigma.get(name, 0.0) for name in NAMES]) * rng.normal(
@@ -144,7 +144,7 @@ def test_loads_and_sensors_scale_with_the_actuator():
 
 
 def test_what_no_healthy_test_shows_is_not_fitted():
-    """Of torque constant, friction, inertia and current gain only the ratios show."""
+    """Of torque constant, friction, inertia and current gain, only the ratios are visible."""
     fitted = {one.name for one in unit_priors(PARAMETERS, 0.01)}
     assert set(NAMES) - fitted == {
         "torque_constant",

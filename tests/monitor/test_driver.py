@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop around an optimizer: counting, best so far, and each reason to stop."""
+"""The loop that drives an optimizer: counting, best point so far, and each stop criterion."""
 
 from typing import cast
 
@@ -13,9 +13,9 @@ NAN = float("nan")
 
 
 class Script:
-    """An optimizer that asks for as many numbered points as it is told, generation by generation.
+    """An optimizer that asks for numbered points, as many in each generation as costs are given.
 
-    The residual of a point is the root of a given cost.
+    The residual of a point is the square root of a given cost.
     """
 
     uses_residuals = False
@@ -101,7 +101,7 @@ FALLS, SLOW = [8.0, 4.0, 2.0], [8.0 * 0.95**n for n in range(20)]
     ("costs", "termination", "done"),
     [
         ([3.0, 0.0, 0.0], {}, 2),
-        # Three that improve, of which the first has nothing to be compared with, then none.
+        # Three that improve, the first of which has nothing to be compared with, then none.
         *(
             ([*FALLS, *[2.0] * 20], {"stall_generations": n, "tolerance": 0.1}, 3 + n)
             for n in (1, 5)
@@ -109,7 +109,7 @@ FALLS, SLOW = [8.0, 4.0, 2.0], [8.0 * 0.95**n for n in range(20)]
         # The first finite cost is an improvement.
         ([NAN, 8.0, *[4.0] * 3], {"stall_generations": 2, "tolerance": 0.1}, 5),
         ([8.0] * 3 + [4.0] * 4, {"stall_generations": 3, "tolerance": 0.1}, 7),
-        # An improvement below the tolerance is a stall all the same.
+        # An improvement below the tolerance still counts as a stall.
         (SLOW, {"stall_generations": 4, "tolerance": 0.1}, 5),
         (SLOW, {"stall_generations": 4, "tolerance": 0.04}, 20),
     ],
@@ -119,7 +119,7 @@ def test_run_ends_at_a_cost_of_zero_or_after_generations_without_improvement(
 ):
     _, progress = run(costs, len(costs), **termination)
     assert len(progress) == done
-    # What improves by less than the tolerance is taken, though.
+    # Improvements below the tolerance are used, though.
     assert progress[-1].cost == pytest.approx(np.nanmin(costs[:done]))
 
 

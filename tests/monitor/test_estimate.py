@@ -81,7 +81,7 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
 def test_comparison_comes_back_from_json(name: str):
     text = json.dumps(estimate_record(compared(COMPARISONS[name])), allow_nan=False)
     again = estimate_of(json.loads(text)).comparison
-    # NaN differs from NaN, its text does not.
+    # NaN differs from NaN, but its text does not.
     assert repr(again) == repr(COMPARISONS[name])
 
 
@@ -138,7 +138,7 @@ def test_faults_and_flags_are_by_name():
     assert list(record["faults"]) == list(FAULT_NAMES)
     assert record["unobservable"] == [FAULT_NAMES[5]]
     assert record["goodness_of_fit"] is None
-    # A fault within its standard deviation is not significant, wherever it is shown.
+    # A fault within its standard deviation is not significant in any output.
     faults = np.add(healthy_faults(), 0.9 * np.asarray(ESTIMATE.sigma))
     varied = replace(ESTIMATE, faults=FaultVector.of(faults))
     assert {*estimate_record(varied)["insignificant"]} == {*FAULT_NAMES} - {"eccentricity_phase"}
@@ -168,7 +168,7 @@ def test_values_are_means_of_the_samples_at_their_time(window, estimate, calibra
     assert len(fit.current) <= MOST_VALUES < len(fit.current) * 2
     assert fit.current[3] == pytest.approx(np.mean(window.current[3 * each : 4 * each]))
     assert fit.position[0] == pytest.approx(np.mean(window.telemetry.position[1 : each + 1]))
-    # Its first value is the mean of samples 1 to each, whose middle it stands at.
+    # The first value is the mean from sample 1 on, and is placed at the middle of these samples.
     assert fit.start == pytest.approx(window.sample_period * (each + 1) / 2)
 
 
@@ -178,7 +178,7 @@ def test_model_at_the_estimate_is_nearer_to_the_window_than_a_wrong_one(
     fit = window_fit(window, estimate, calibration)
     wrong = replace(estimate, faults=type(estimate.faults).of(fault_vector({})))
     wrong_fit = window_fit(window, wrong, calibration)
-    # Friction of 0.25 moves the current by much more than noise and mismatch do.
+    # Friction of 0.25 changes the current by much more than noise and model mismatch do.
     assert 3.0 * rms(fit.current - fit.estimated_current) < rms(
         wrong_fit.current - wrong_fit.estimated_current
     )

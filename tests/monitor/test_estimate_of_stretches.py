@@ -28,7 +28,7 @@ KNOWN = Knowledge(np.zeros(N_FAULTS), 1e-6 * np.eye(N_FAULTS))
 
 
 def estimate(number: int, *kept: str, **values: Any) -> Estimate:
-    """Estimate of a stretch with some significant faults."""
+    """Return the estimate of a stretch with some significant faults."""
     return estimated(
         dict.fromkeys(kept, 0.1),
         insignificant=~np.isin(FAULT_NAMES, kept),
@@ -69,18 +69,18 @@ def test_a_cause_of_any_stretch_is_named_with_its_range():
 
 
 def test_goodness_is_that_of_all_stretches_together():
-    """The root of the mean power; a last stretch that fits well does not hide a poor one."""
+    """It is the root of the mean power, so a good last stretch does not hide a poor one."""
     result = combined(part(estimate(0), power=31.0), part(estimate(1), power=1.0))
     assert result.goodness_of_fit == pytest.approx(4.0)
     assert result.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
     assert result.verdict == "degraded"
     assert "the residual is 4.0 times the residual of a healthy actuator" in result.reason
-    # The last one alone had no reason to be widened; beyond 2 they grow with the goodness.
+    # The last stretch alone is no reason to widen sigma; beyond 2, sigma grows with the goodness.
     np.testing.assert_allclose(result.sigma, SIGMA * 4.0 / USUAL_MISFIT)
 
 
 def test_motion_that_nothing_explains_is_refused():
-    """Half of the departure of two stretches is left; of one that fits badly alone, little."""
+    """Half of the departure of two stretches remains; little remains for a single poor fit."""
     result = combined(part(estimate(0), power=31.0, departure=400.0), part(estimate(1)))
     assert (result.verdict, result.valid) == ("degraded", True)
     result = combined(*(part(estimate(i), power=31.0, departure=40.0) for i in range(2)))
@@ -109,7 +109,7 @@ def test_faults_that_a_stretch_could_not_separate_do_not_average_out():
 def test_a_confusion_without_remaining_parts_is_dropped():
     pair = Alternative(("friction",), ("current_offset",))
     first = estimate(0, "friction", alternatives=(pair,))
-    for sigma in (SIGMA, 0.12):  # within its sigma of healthy, it may still be there
+    for sigma in (SIGMA, 0.12):  # Within its sigma of healthy, the part may still be present.
         last = part(estimate(1, "friction", sigma=sigma))
         assert combined(part(first), last, wanted_sigma=0.5).alternatives == (pair,)
     result = combined(part(first), part(estimate(1, "backlash")))
@@ -117,7 +117,7 @@ def test_a_confusion_without_remaining_parts_is_dropped():
 
 
 def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
-    """One stretch of three; had it been shorts, they would have stayed."""
+    """It occurs in one stretch of three. Short circuits would have lasted."""
     inertia = CauseEstimate("inertia", 0.06, 0.05)
     unsure = estimate(0, causes=(inertia,), alternatives=(Alternative(("inertia",), EQUAL_SHORTS),))
     result = combined(part(unsure), *(part(estimate(i)) for i in (1, 2)))
@@ -149,7 +149,7 @@ def test_place_in_the_play_and_cost_are_those_of_the_whole():
 
 
 def test_an_unknown_goodness_is_no_reason_to_be_sure():
-    """One healthy window gives no scatter: sigma is as wide as for the worst valid fit."""
+    """A single healthy window gives no scatter: sigma is as wide as for the worst valid fit."""
     blind = replace(estimate(0), goodness_of_fit=math.nan)
     parts = [
         replace(part(blind), misfit=Misfit(np.full((2, 2), np.nan)), estimate=blind)

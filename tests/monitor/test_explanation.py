@@ -20,7 +20,7 @@ from ema_monitor.reason_texts import EQUAL_SHORTS
 from .windows import changed, recorded
 
 PARAMETERS = ActuatorParameters()
-# Hidden causes with values beyond the effects of noise and PWM, and their least sigmas.
+# Hidden causes with values beyond the effects of noise and PWM, and their smallest sigmas.
 CAUSES = [
     ("load_torque", 0.01, 10.0),
     ("load_stiffness", -2.0, 10.0),
@@ -55,10 +55,10 @@ def test_cause_in_the_simulator_is_named_and_no_fault(
     assert np.all(estimate.insignificant)
     [cause] = estimate.causes
     assert cause.name == name
-    # To first order a late command begins at rest.
+    # To first order, a late command begins at rest.
     assert cause.value == pytest.approx(value, rel=0.01, abs=3.0 * cause.sigma)
     assert str(cause) in estimate.reason
-    # So that being within 3 sigma means something.
+    # So that an error within 3 sigma is meaningful.
     assert sigmas * cause.sigma < abs(value)
     assert estimate.unexplained_share < 0.2
 
@@ -70,7 +70,7 @@ def test_cause_in_the_simulator_is_named_and_no_fault(
 def test_torque_constant_and_three_equal_shorts_are_not_separated(
     calibration, description, causes, faults
 ):
-    """Either is named with the other as its alternative, and neither with confidence."""
+    """Each is named with the other one as its alternative, and neither with confidence."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
     assert estimate.verdict == "degraded"
@@ -115,7 +115,7 @@ def test_torque_constant_and_three_equal_shorts_are_not_separated(
 def test_motor_that_is_as_weak_by_equal_shorts_is_not_separated_however_far_they_are(
     calibration, description, faults, causes, alternative
 ):
-    """The wrong explanation is found, 9 and 7 % off: sigma has to cover it."""
+    """The search finds the wrong explanation, off by 9 and 7 %: sigma has to cover the error."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert (estimate.verdict, alternative in estimate.alternatives) == ("degraded", True)
     off = errors(estimate, faults)
@@ -134,14 +134,14 @@ def test_motor_that_is_as_weak_by_equal_shorts_is_not_separated_however_far_they
         # In proportion to both, torque constant and inertia hardly change the motion.
         ({"friction": 0.6}, {"load_torque": 0.4}),
         ({"friction": 0.6}, {"load_torque": -0.5}),
-        # Without the hypothesis the delay is a gain of 0.78.
+        # Without this hypothesis, the delay is mistaken for a gain of 0.78.
         ({"gain": 0.35, "friction": 0.1}, {"command_delay": 1e-3}),
         ({"gain": 0.35, "friction": 0.1}, {"position_offset": -3e-4}),
         ({"gain": 0.35, "friction": 0.1}, {"position_gain": 0.02}),
     ],
 )
 def test_faults_together_with_a_cause_are_right(calibration, description, faults, causes):
-    """Measured up to 0.0036 of the range."""
+    """Measured errors: up to 0.0036 of the range."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
     assert np.max(errors(estimate, faults)) < 0.006
@@ -153,7 +153,7 @@ def test_faults_together_with_a_cause_are_right(calibration, description, faults
 
 
 def test_causes_compete_only_where_they_can_be_weighed(calibration, description):
-    """The distances of the thesis know no noise."""
+    """The distances of the thesis have no noise."""
     window = recorded({}, {"current_offset": 0.1})
     settings = SearchSettings(fitness="total_least_squares")
     assert identify(window, description, calibration, settings).causes == ()
@@ -165,7 +165,7 @@ def test_causes_compete_only_where_they_can_be_weighed(calibration, description)
 def test_verdict_follows_goodness_and_unexplained_share(
     windows_of, calibration, description, amplitude, verdict
 ):
-    """A fault together with slow noise of the current that nothing explains."""
+    """The window has a fault and slow noise of the current that nothing explains."""
     [window] = windows_of({"friction": 0.25})
     n = len(window) + 1
     knots = np.arange(0, n + 40, 40)
@@ -185,7 +185,7 @@ def test_verdict_follows_goodness_and_unexplained_share(
     misfit = f"{goodness} times the residual of a healthy actuator, at most {limit} is expected"
     assert (misfit in estimate.reason) == (verdict != "valid")
     if verdict == "refused":
-        # A poor fit is believed only after the largest screen.
+        # A poor fit is accepted only after the largest screen.
         assert estimate.evaluations > 600
     else:
         assert abs(estimate.faults.friction - 0.25) < 3.0 * estimate.sigma.friction
@@ -195,9 +195,9 @@ def test_verdict_follows_goodness_and_unexplained_share(
 def test_uncertainty_of_the_unit_widens_sigma(
     windows_of, calibration, description, samples, effects
 ):
-    """A large backlash is a multiple of the unit's nominal play, which healthy windows hardly show.
+    """A large backlash scales the nominal play of the unit, which healthy windows hardly show.
 
-    Under the calibrated command and under another. The response at the estimate is known.
+    The test uses the calibrated command and another one. The response at the estimate is known.
     """
     [window] = windows_of({"backlash": 0.5})
     window = replace(window, telemetry=window.telemetry.part(0, samples))
@@ -206,7 +206,8 @@ def test_uncertainty_of_the_unit_widens_sigma(
     assert uncertain.faults.backlash == pytest.approx(sure.faults.backlash, abs=1e-12)
     index = NAMES.index("backlash")
     of_unit = np.sqrt(calibration.unit_covariance[index, index])
-    # A play of 1 + 99 k, whose relative error is an error of k + 1/99; other deviations show, too.
+    # The play is proportional to 1 + 99 k: its relative error is an error of k + 1/99. Other
+    # deviations contribute, too.
     expected = (uncertain.faults.backlash + 1.0 / 99.0) * of_unit
     widened = np.sqrt(uncertain.sigma.backlash**2 - sure.sigma.backlash**2)
     assert widened == pytest.approx(expected, rel=0.3)
@@ -215,19 +216,19 @@ def test_uncertainty_of_the_unit_widens_sigma(
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
-    """There the calibration measured the response, under its own command."""
+    """The calibration measured the response there, with its own command."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)
     effects = objective.unit_effects(objective.healthy)
     residuals = objective.residuals(objective.healthy[None])
-    # Of lift, friction, its Stribeck speed and inertia, of play and delay of the loop, the others
-    # being in the correction; and of the lift of three idle phases.
+    # Lift, friction, its Stribeck speed, inertia, play and delay of the loop, as the correction
+    # includes the others; and the lift of three idle phases.
     assert effects.shape == (residuals.shape[1], 6 + 3)
     assert np.max(np.abs(effects)) == pytest.approx(0.0, abs=1e-15)
     faulty = objective.encode(fault_vector({"friction": 0.3}))
     assert np.linalg.norm(objective.unit_effects(faulty)) > 1e-3
-    # Under another command nothing was measured.
+    # With another command, nothing was measured.
     shorter = replace(window, telemetry=window.telemetry.part(0, 4001))
     shorter_objective = Objective(shorter, calibration, causes=causes)
     of_other = shorter_objective.unit_effects(shorter_objective.healthy)
@@ -238,10 +239,10 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
 
 @pytest.mark.parametrize("sigmas", [0.5, 2.4, -10.0, 10.0])
 def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
-    """One sigma of a cause costs what the noise of one effective residual does.
+    """One sigma of a cause costs as much as the noise of one effective residual.
 
-    A sensor that has failed may read anything: ten sigma of it cost 24, ten sigma of the plant 100.
-    Its usual errors cost as much as errors of the plant.
+    A failed sensor may read anything: ten sigma of it cost 24, but ten sigma of the plant cost 100.
+    Usual errors of a sensor cost as much as errors of the plant.
     """
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
@@ -265,7 +266,7 @@ def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
 
 
 def test_prior_of_a_sensor_is_smooth_where_its_tail_begins(healthy_windows, calibration):
-    """So that a linear model about either side holds on the other."""
+    """A linear model from either side is then valid on the other side."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)
@@ -281,7 +282,7 @@ def test_healthy_window_costs_its_effective_residuals(unseen_window, calibration
     """Differences of n ln(cost) are then differences of a log likelihood."""
     objective = Objective(unseen_window, calibration)
     cost = np.sum(objective.residuals(objective.healthy[None]) ** 2)
-    # Measured 0.65; of some hundred values, and the loss is less than quadratic.
+    # Measured: 0.65, from some hundred values; the loss is less than quadratic.
     assert 0.4 < cost / (objective.noise * objective.fitness.effective) < 1.3
 
 

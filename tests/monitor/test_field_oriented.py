@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor's field-oriented drive: closed forms, the plant that it stands for, estimates."""
+"""The monitor's field-oriented drive, compared with closed forms and the plant, and estimates."""
 
 import math
 from dataclasses import replace
@@ -76,7 +76,7 @@ def test_torque_constant_with_faults_is_the_sum_over_phases():
 
 @pytest.mark.parametrize("delay", [0.0, 1e-4])
 def test_current_of_a_locked_motor_is_a_first_order_lag(delay):
-    """Of the bandwidth of the description; a later loop has a time constant longer by its delay."""
+    """The lag follows from the described bandwidth; a loop delay adds to its time constant."""
     drive, dt = drive_of(dt=1e-6, delay=delay), 1e-6
     currents, response = (0.0, 0.0), []
     for _ in range(500):
@@ -84,12 +84,12 @@ def test_current_of_a_locked_motor_is_a_first_order_lag(delay):
         response.append(currents[0])
     t = dt * np.arange(1, 501)
     exact = 4.0 * (1.0 - np.exp(-t / (1.0 / P.omega_c + delay)))
-    # The memory of the loop is an Euler step late: omega_c dt / 2.
+    # The memory of the loop lags by an Euler step: omega_c dt / 2.
     np.testing.assert_allclose(response, exact, atol=4.0 * 3e-3)
 
 
 def test_torque_is_that_of_the_current_and_power_is_balanced():
-    """What the axis takes from the supply less copper and coil is T omega: 2/3 K is its voltage."""
+    """Supply power of the axis less copper and coil is T omega: its voltage constant is 2/3 K."""
     drive, I, omega, dt = drive_of({"short_circuit_b": 0.2}, dt=1e-9), 6.0, 150.0, 1e-9
     (after, _), torque, ripple = step(drive, 0.3, (I, 5.0), I, omega)
     K = constant_at(drive, 0.3)
@@ -104,7 +104,7 @@ def test_torque_is_that_of_the_current_and_power_is_balanced():
 
 
 def test_voltage_limits_the_slope_of_the_current():
-    """(V_max / sqrt(3) - R I - k omega) / L, with the part that the other axis takes."""
+    """(V_max / sqrt(3) - R I - k omega) / L, with the contribution of the other axis."""
     drive, I, omega = drive_of(dt=1e-9), 3.0, 200.0
     (after, _), _, _ = step(drive, 0.0, (I, 0.0), 20.0, omega)
     v_d = P.P * omega * LOOP.L * I
@@ -113,8 +113,8 @@ def test_voltage_limits_the_slope_of_the_current():
     assert (after - I) / 1e-9 == pytest.approx(slope, rel=1e-4)
 
 
-# Rms of the smoothed residual [A]; measured 0.002 to 0.008, of which 0.002 is that of the step of
-# 10 us. A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
+# Rms of the smoothed residual [A]; measured 0.002 to 0.008, of which 0.002 is due to the step of 10
+# us. A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
 @pytest.mark.parametrize(
     "faults",
     [
@@ -153,7 +153,7 @@ def test_calibration_has_a_bandwidth_and_neither_lift_nor_idle_phases(calibratio
     assert loaded.calibration_id == calibration.calibration_id
     faster = replace(UNIT, parameters=replace(P, omega_c=2.0 * P.omega_c))
     assert ("omega_c", 2.0 * P.omega_c, P.omega_c) in loaded.unit_mismatch(faster)
-    # That of six steps has none.
+    # The calibration of a six-step drive has none.
     builtin = Calibration.builtin()
     other = ActuatorDescription(parameters=ActuatorParameters(omega_c=1.0))
     assert builtin.unit_mismatch(other) == ()
@@ -204,7 +204,7 @@ def test_drive_without_such_a_model_is_refused_by_name(healthy_windows, drive, f
 
 
 def test_performance_is_that_of_its_own_drive(calibration):
-    """Same mechanics and loops, so as good tracking; less voltage for a phase, so less reserve."""
+    """Mechanics and loops are the same, hence equal tracking; less phase voltage, less reserve."""
     mine = PerformanceModel(calibration.unit_parameters)
     assert isinstance(calibration.unit_parameters, FieldOrientedParameters)
     other = PerformanceModel(ActuatorParameters())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A window finder turns description and telemetry into numbered windows, whenever either comes."""
+"""A window finder turns descriptions and telemetry, in any order, into numbered windows."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def test_windows_are_numbered_and_telemetry_that_comes_first_waits_for_the_descr
 
 def test_only_the_latest_ten_seconds_wait():
     finder = WindowFinder(SETTINGS)
-    # 0.09 s a cycle, 12.6 s in all, in blocks of one cycle: 10 s back begins a block.
+    # 0.09 s per cycle, 12.6 s in all, in blocks of one cycle: a block begins 10 s before the end.
     fed(finder, cycles(140), 900)
     assert len(only(Segment, finder.describe(FLAP))) == 112
 
@@ -72,7 +72,7 @@ def test_change_ends_the_window_that_is_open(change: str):
     assert isinstance(event.window, Refusal)
     reason = "description of the actuator changed" if change == "description" else "other settings"
     assert reason in event.window.reason
-    # It belongs to the unit that it was taken from.
+    # The window belongs to the unit that was described at its start.
     assert (event.number, event.description) == (0, FLAP)
     [after] = only(Segment, fed(finder, cycles(1, 901)))
     assert after.number == 1
@@ -112,7 +112,7 @@ def test_block_that_is_no_telemetry_ends_the_window_or_breaks_what_waits():
     fed(finder, telemetry.part(0, half))
     assert finder.reject(5, "columns differ") == [Defect(5, "columns differ")]
     fed(finder, telemetry.part(half, len(telemetry)))
-    # It is told again in its place, between the windows of the two cycles.
+    # The defect is reported again at its position, between the windows of the two cycles.
     first, defect, second = finder.describe(FLAP)
     assert defect == Defect(5, "columns differ")
     assert [item.number for item in only(Segment, [first, second])] == [0, 1]
@@ -164,7 +164,7 @@ def test_command_that_never_rests_is_named_with_what_counts_as_rest():
 
 
 def kept_samples(finder: WindowFinder) -> tuple[int, int]:
-    """Number of blocks that a finder keeps, and of their samples."""
+    """Return how many blocks a finder keeps, and how many samples."""
     kept = finder._trigger._blocks if finder._trigger else finder._undescribed
     return len(kept), sum(len(item) for item in kept if isinstance(item, Telemetry))
 
@@ -175,7 +175,7 @@ def test_what_is_kept_is_bounded_regardless_of_the_period(monkeypatch, descripti
         monkeypatch.setattr(module, "MOST_SAMPLES", 5000)
         monkeypatch.setattr(module, "MOST_BLOCKS", 70)
     finder = WindowFinder(SETTINGS, description)
-    # Equal stamps, so that none is too old: 20,000 samples, in blocks of 100 and of 1.
+    # The stamps are equal, so that none is too old: 20,000 samples, in blocks of 100 and of 1.
     telemetry = stream(np.zeros(20_000))
     for block in blocks(telemetry, 100):
         finder.feed(replace(block, stamp_ns=START_NS) if description is None else block)
@@ -185,7 +185,7 @@ def test_what_is_kept_is_bounded_regardless_of_the_period(monkeypatch, descripti
     for block in blocks(stream(np.zeros(500), 20_001), 1):
         finder.feed(block)
     assert kept_samples(finder)[0] <= 71
-    # And windows are found as ever.
+    # Windows are still detected.
     for block in blocks(cycles(2, 20_501), 100):
         finder.feed(block)
     if description is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The residuals of each fitness and the cost that their squares add up to."""
+"""The residuals of each fitness and the cost, which is the sum of their squares."""
 
 import math
 from dataclasses import replace
@@ -26,7 +26,7 @@ def response(current, speed=None) -> Response:
 
 
 def measured(current, speed: np.ndarray | float = 0.0, h=H):
-    """Window with a current and a speed behind its start."""
+    """Return a window with a current and a speed after its start."""
     n = len(current)
     return answered(
         window_from(np.zeros(n + 1), sample_period=h), current, np.broadcast_to(speed, (n,))
@@ -50,7 +50,7 @@ def cost(calibration):
 
 
 def total_least_squares(measured, modelled, h):
-    """Section 6.2 of the thesis with the slope over its rms, sample by sample."""
+    """Section 6.2 of the thesis, with the slope divided by its rms, sample by sample."""
     n = len(measured)
     slope = [
         (measured[min(i + 1, n - 1)] - measured[max(i - 1, 0)])
@@ -65,7 +65,7 @@ def total_least_squares(measured, modelled, h):
 
 
 def least_squares(measured, modelled, h):
-    """The integral of the square."""
+    """Return the integral of the square."""
     return h * sum((a - b) ** 2 for a, b in zip(measured, modelled, strict=True))
 
 
@@ -78,9 +78,9 @@ def test_fitness_of_the_thesis_is_its_formula(currents, cost, formula):
 
 @pytest.mark.parametrize("name", FITNESS)
 def test_cost_does_not_depend_on_the_sample_period(name, cost):
-    """It is an integral over time: half the period, twice the samples, the same cost.
+    """Cost is an integral over time: half the period and twice the samples give the same cost.
 
-    Sums of a smooth curve differ by their first order, a few percent.
+    Sums of a smooth curve differ by first-order terms, a few per cent.
     """
     costs = []
     for h in (2e-4, 1e-4):
@@ -117,18 +117,18 @@ def test_pseudo_huber_is_odd_rises_and_squares_to_its_loss():
 
 
 def scattering(calibration, current, speed):
-    """Calibration with scatters under a command that is not the calibrated one."""
+    """Return a calibration with scatters for a command that differs from the calibrated one."""
     return replace(calibration, model_rms=current, model_speed_rms=speed)
 
 
 @pytest.fixture
 def scattered(calibration):
-    """Calibration with scatters that do not matter: the loss is quadratic, the speed exact."""
+    """Return a calibration with negligible scatters: the loss is quadratic, the speed exact."""
     return scattering(calibration, 100.0, 1e-3)
 
 
 def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
-    """Residuals of current and speed in a window with a speed, where the model errs."""
+    """Return residuals of current and speed in a window at a speed, with errors of the model."""
     speed = np.broadcast_to(np.asarray(speed, dtype=float), (N,))
     window = measured(np.linspace(-3.0, 3.0, N), speed)
     expected = response(window.current - current_error, speed - speed_error)
@@ -136,10 +136,10 @@ def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
 
 
 def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(scattered):
-    """At the rms itself: 1 / hypot(1, 1/2) where half the rms counts as slow."""
+    """At the rms speed, the weight is 1 / hypot(1, 1/2) if half the rms counts as slow."""
     of_current, of_speed = residuals_of(scattered, 20.0, current_error=0.3)
     weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
-    # Of 0.3 A the loss over 100 A is quadratic to 1e-6.
+    # For 0.3 A, the loss with a scale of 100 A is quadratic to 1e-6.
     assert of_current == pytest.approx(0.3 * weight * np.sqrt(1e-3), rel=1e-5)
     assert of_speed == pytest.approx(0.0, abs=1e-15)
 
@@ -164,7 +164,7 @@ def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(scattered):
 
 @pytest.mark.parametrize("sigma", [1.0, 10.0])
 def test_speed_that_scatters_more_than_the_current_counts_by_its_scatter(calibration, sigma):
-    """One sigma of speed is worth no more than one sigma of current."""
+    """A sigma of speed has at most the weight of a sigma of current."""
     noisy = scattering(calibration, 0.02, sigma)
     _, of_speed = residuals_of(noisy, 20.0, speed_error=0.1 * sigma)
     of_current, _ = residuals_of(noisy, 20.0, current_error=0.1 * 0.02)
@@ -212,5 +212,5 @@ def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(
     faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])
     rows = made.residuals(calibration.expect(model.respond(window, faults, 1.0), window))
     healthy, faulty = np.sum(rows**2, axis=1)
-    # Speed and current of a healthy actuator, whose scatters make the cost up to some 2 of 8.
+    # Speed and current of a healthy actuator, whose scatters give a cost of up to about 2 of 8.
     assert healthy < made.good_cost / 2 < made.good_cost < faulty

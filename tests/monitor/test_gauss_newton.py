@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gauss-Newton: steps against proved minima, which trial is taken, and when a descent ends."""
+"""Gauss-Newton: steps compared with proved minima, choice of trials, and end of a descent."""
 
 import numpy as np
 import pytest
@@ -23,9 +23,9 @@ N = 40
 
 
 def problem(rng, spread):
-    """Start, residuals there and derivatives of a linear problem.
+    """Return start, residuals there and derivatives of a linear problem.
 
-    Its minimum is drawn within the box widened by `spread` on all sides.
+    Its minimum is drawn from the box widened by `spread` on all sides.
     """
     rotation = np.linalg.qr(rng.normal(size=(D, D)))[0]
     jacobian = rng.normal(size=(N, D)) @ (rotation * np.geomspace(1.0, 1.0 / 30.0, D))
@@ -34,21 +34,21 @@ def problem(rng, spread):
 
 
 def damped(point, residuals, jacobian, damping):
-    """The same problem with its damping as further residuals: matrix and right-hand side."""
+    """Return matrix and right-hand side of the problem with its damping as further residuals."""
     weight = np.sqrt(damping * np.sum(jacobian**2, axis=0))
     matrix = np.vstack([jacobian, np.diag(weight)])
     return matrix, np.concatenate([jacobian @ point - residuals, weight * point])
 
 
 def excess(matrix, right, x, best):
-    """Share by which x costs more than the best."""
+    """Return the relative excess of the cost of x over that of the best."""
     return np.sum((matrix @ x - right) ** 2) / np.sum((matrix @ best - right) ** 2) - 1.0
 
 
 @pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
 @pytest.mark.parametrize("spread", [-0.2, 0.5])
 def test_step_is_the_bounded_least_squares_solution(damping, spread):
-    """Of problems with their minimum well inside the box, or mostly outside."""
+    """The problems have their minimum well inside the box, or mostly outside."""
     rng = np.random.default_rng(4)
     for _ in range(100):
         point, residuals, jacobian = problem(rng, spread)
@@ -69,7 +69,7 @@ def test_component_without_effect_stays():
 
 
 def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
-    """Of 20 problems with their minimum outside the box."""
+    """The 20 problems have their minimum outside the box."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
         point, residuals, jacobian = problem(rng, 0.3)
@@ -77,13 +77,13 @@ def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
         optimizer = ScreenedLeastSquares(np.full(D, 0.5), rng)
         *_, last = minimise(lambda x, J=jacobian, b=right: x @ J.T - b, optimizer, Unending())
         best = bounded_minimum(jacobian, right, last.point)
-        # Exact steps make it a Newton method.
+        # With exact steps, this is Newton's method.
         assert excess(jacobian, right, last.point, best) < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_refit_is_constrained_least_squares(seed):
-    """Of what is shown, within the unit box, with the others held healthy."""
+    """Significant components are fitted within the unit box; the others stay healthy."""
     rng, d = np.random.default_rng(seed), 8 + seed % 2
     point, healthy = rng.uniform(-0.3, 1.3, d).clip(0.0, 1.0), np.full(d, 0.1)
     residuals, jacobian = rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
@@ -101,7 +101,7 @@ def test_refit_is_constrained_least_squares(seed):
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_bounds_are_those_of_a_box_of_any_size(damping):
-    """The minimum of a problem in other units is the same."""
+    """The same problem in other units has the same minimum."""
     rng = np.random.default_rng(6)
     for _ in range(50):
         point, residuals, jacobian = problem(rng, 0.5)
@@ -113,12 +113,12 @@ def test_bounds_are_those_of_a_box_of_any_size(damping):
 
 
 def bent(x):
-    """Residuals with their minimum of nothing at 0.5, whose full steps lead too far at first."""
+    """Return residuals with a minimum of zero at 0.5, for which full steps are too long."""
     return np.arctan(20.0 * (x - 0.5)) / 20.0
 
 
 class Unending:
-    """Only its convergence ends a search."""
+    """A stop criterion that never stops: only convergence ends a search."""
 
     budget = 100_000
 
@@ -127,7 +127,7 @@ class Unending:
 
 
 class Watched:
-    """A function with exact derivatives, and where it was asked for."""
+    """A function with exact derivatives that records the points where it is evaluated."""
 
     def __init__(self, weight=lambda x: 1.0):
         self.asked, self.linearised, self.weight, self.now = [], [], weight, 1.0
@@ -145,7 +145,7 @@ class Watched:
 
 
 def lowest(at):
-    """Where the linear model is lowest, bounds or not."""
+    """Return where the linear model is lowest, ignoring bounds."""
     return Quadratic.of(at).damped(1e-12).lowest_between(np.full(1, -1e3), np.full(1, 1e3))
 
 
@@ -196,7 +196,7 @@ def test_descent_ends_where_a_derivative_is_not_finite():
     ("stopping", "steps"),
     [
         (Stopping(3), 3),
-        # No step gains half of what is left, once the best share is small.
+        # No step gains half of the remaining cost, once the best share is small.
         (Stopping(50, gain=0.999), 1),
         (Stopping(50, step=1.0), 1),
         # No full step promises more than the whole cost.
@@ -215,7 +215,7 @@ def test_step_that_gains_too_little_is_not_taken():
 
 
 def test_promise_kept_by_a_good_fit_ends_a_descent():
-    """As the linear model said, at a linear problem."""
+    """In a linear problem, the linear model predicts the gain exactly."""
 
     def line(points):
         return np.concatenate([points - 0.3, np.full((len(points), 1), 0.1)], axis=1)
@@ -230,7 +230,7 @@ def test_promise_kept_by_a_good_fit_ends_a_descent():
 
 
 def test_cost_follows_residuals_that_are_weighed_again():
-    """A step is judged by the weights where it starts, whatever those of the step before."""
+    """A step is judged with the weights at its start, and not with those of earlier steps."""
     function = Watched(lambda x: 1.0 / abs(float(x[0]) - 0.5))
     descent = descend(function.problem, FAR, IN_TURN, Stopping(50, step=1e-7))
     assert descent.point == pytest.approx(0.5, abs=1e-6)

@@ -106,7 +106,7 @@ def test_severity_is_graded_by_the_share(share: float, severity: int):
 def test_worst_fault_dominates():
     health = assess(estimate({"friction": 0.3, "backlash": 0.4, "eccentricity": 0.2}), LIMITS)
     assert (health.level, health.dominant_fault) == (WARN, "backlash")
-    # A limit that is passed comes first, whatever the shares are.
+    # A fault beyond its limit comes first, for any shares of the others.
     uncertain = HealthLimits(friction=0.9, gain=0.1)
     health = assess(estimate({"friction": 0.8, "gain": 0.61}), uncertain)
     assert (health.level, health.dominant_fault) == (ERROR, "gain")
@@ -182,7 +182,7 @@ def test_tracked_value_takes_the_place_of_the_estimate():
     assert (items["gain"].limit, items["gain"].limit_is_lower) == (0.25, True)
     assert items["backlash"].value == 0.2
     assert (health.level, health.health_index, health.severity) == (ERROR, 0.0, 4)
-    # The window says nothing of friction, whatever those before it said.
+    # The window does not show friction, whatever earlier windows showed.
     assert "friction" in health.reason
     assert health.confidence == pytest.approx(6 / 7)
 
@@ -312,7 +312,7 @@ def test_departure_without_friction_has_no_index_as_nothing_with_a_limit_is_know
 def test_torque_per_ampere_is_a_requirement_where_it_is_judged():
     [item] = torque(comparison(changed(TORQUE, -0.18, 0.02)))
     assert (item.value, item.limit_is_lower) == (pytest.approx(0.82), True)
-    # Hot magnets may lose 5 %, one sigma, beside the 0.02 / 1.645 of the record.
+    # Hot magnets may lose 5 %, one sigma, compared with 0.02 / 1.645 of the record.
     assert item.sigma == pytest.approx(np.hypot(0.02 / 1.645, 0.05))
     [item] = torque(HEALTHY)
     assert (item.value, item.level) == (1.0, OK)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification end to end: telemetry of the simulated actuator in, its faults out."""
+"""Identification end to end: from telemetry of the simulated actuator to its faults."""
 
 from dataclasses import fields, replace
 
@@ -28,8 +28,8 @@ from ema_sim.sensors import Sensors
 from .reference_cases import CASES, TRUTH
 from .windows import made_by
 
-# Percent, about twice the values measured over five realisations of the PWM, which is at most: 0.4,
-# 0.5, 0.2, 0.2, 0.3, 0.6, 0.3, 0.5, 0.02, 0.25, 0.3 and 0.9. The thesis has 0.2 to 13.
+# Percent, at most about twice the largest value over five realisations of the PWM: 0.4, 0.5, 0.2,
+# 0.2, 0.3, 0.6, 0.3, 0.5, 0.02, 0.25, 0.3 and 0.9. The thesis has 0.2 to 13.
 LIMITS = {
     "healthy": 0.6,
     "friction low": 0.8,
@@ -48,13 +48,13 @@ LIMITS = {
 # Faults that have alternative explanations.
 DOUBTS = {
     "multiple": ("this window cannot separate friction from viscous friction",),
-    # With all phases shorted, fewer turns of all are a lower torque constant.
+    # If all phases are shorted, fewer turns in all of them look like a lower torque constant.
     "wide": ("this window cannot separate short circuit C from torque constant",),
 }
 
 
 def same(a: Estimate, b: Estimate) -> bool:
-    """Whether two estimates agree to the last bit, but for the time that they took."""
+    """Return whether two estimates are bit-identical, except for their computing time."""
     return all(
         np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=f.name != "unobservable")
         if isinstance(getattr(a, f.name), np.ndarray)
@@ -87,26 +87,26 @@ def test_faults_are_found_for_any_course_the_pwm_takes(stirred_estimates, case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_faults_are_as_far_off_as_their_sigma_states(estimates, case):
-    """Measured up to 2.2 sigma, all faults at once being the worst."""
+    """Measured: up to 2.2 sigma; all faults together are the worst case."""
     estimate, truth = estimates(case), fault_vector(CASES[case])
     observable, sigma = ~estimate.unobservable, np.array(estimate.sigma)
     assert np.all(np.abs(estimate.faults - truth)[observable] < 3.5 * sigma[observable])
     # The phase of an eccentricity of 0.0111 is known to 0.034 of a turn, if at all.
     observable[ECCENTRICITY_PHASE] &= case != "multiple"
     if case != "multiple":
-        # Only the phase of no eccentricity is unobservable.
+        # Only the phase of an eccentricity of zero is unobservable.
         expected = np.zeros(8, dtype=bool)
         expected[ECCENTRICITY_PHASE] = "eccentricity" not in CASES[case]
         assert np.array_equal(estimate.unobservable, expected)
         assert np.array_equal(np.isnan(sigma), expected)
         assert not expected[ECCENTRICITY_PHASE] or estimate.faults[ECCENTRICITY_PHASE] == 0.5
     if case == "wide":
-        # A torque constant that could stand in for them scales all phases, and the friction.
+        # A torque constant that could replace the shorts scales all phases, and the friction.
         confused = [FRICTION, *SHORT_CIRCUITS]
         assert np.all((sigma[confused] > 0.012) & (sigma[confused] < 0.05))
         observable[confused] = False
-    # The unit's nominal play, which scales a large backlash, is known to 2 %; a short circuit
-    # to 1.2 %, the lift of phases that are not alike being unknown.
+    # The nominal play of the unit, which scales a large backlash, is known to 2 %; a short circuit
+    # to 1.2 %, as the lift of unequal phases is unknown.
     assert np.all(sigma[observable] < (0.02 if case == "backlash high" else 0.012))
 
 
@@ -114,9 +114,9 @@ def test_faults_are_as_far_off_as_their_sigma_states(estimates, case):
 def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
     stirred_window, description
 ):
-    """With sensors that are noisy and resolve 5 mA and 0.05 rad/s.
+    """The sensors are noisy and resolve 5 mA and 0.05 rad/s.
 
-    At 95 %, seven groups let a third of the windows show something, small as it is.
+    At 95 %, seven groups let a third of the windows show some small fault.
     """
     resolution = {"current": 0.005, "position": 1e-6, "speed": 0.05}
     sensors = Sensors(0.05, resolution, np.random.default_rng(9))
@@ -128,14 +128,14 @@ def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
     faults = np.stack(
         [identify(window, description, unit_calibration).faults for window in measured[6:]]
     )
-    # Measured 0.91; without putting back the components, those at a bound alone make up 0.3.
+    # Measured: 0.91. Without resetting the components, those at a bound alone give 0.3.
     assert np.mean(faults == healthy_faults()) > 0.8
     off = np.delete(np.abs(faults - healthy_faults()), ECCENTRICITY_PHASE, axis=1)
     assert np.max(off) < 0.01
 
 
 def test_healthy_actuator_fits_as_a_healthy_one(estimates):
-    # Its own residual is one window's, of some 5000 / 20 values: 6 % of scatter.
+    # The residual is that of one window, of about 5000 / 20 values: 6 % of scatter.
     assert estimates("healthy").goodness_of_fit == pytest.approx(1.0, abs=0.25)
 
 
@@ -150,7 +150,7 @@ def test_estimate_states_where_it_comes_from(estimates, windows_of, calibration)
 
 
 def test_model_recognises_itself(healthy_windows, calibration, description):
-    """What the calibrated model made with a fault vector leads back to it."""
+    """A window simulated by the calibrated model leads back to its fault vector."""
     window = made_by(calibration, healthy_windows[0], TRUTH)
     estimate = identify(window, description, calibration)
     # Steps of the search end below 1e-3.
@@ -161,7 +161,7 @@ def test_model_recognises_itself(healthy_windows, calibration, description):
 
 @pytest.fixture(scope="module")
 def without_approach(cycle):
-    """Window of a chirp from rest, with the motor at a place in its play."""
+    """Return a function that makes a window of a chirp from rest, at a position in the play."""
 
     def window(faults, play) -> Window:
         actuator = SimulatedActuator()
@@ -180,10 +180,10 @@ def without_approach(cycle):
 @pytest.mark.parametrize(
     ("faults", "play", "tolerance"),
     [
-        # Measured to 0.04 half-widths, at an error of 0.5 %.
+        # Measured: 0.04 half-widths, at an error of 0.5 %.
         ({"backlash": 0.3, "gain": 0.6}, -1.0, 0.1),
         ({"backlash": 0.3, "gain": 0.6}, 0.5, 0.1),
-        # In a small play it is not known, and harms no other fault.
+        # In a small play, the position is not known, and affects no other fault.
         ({"friction": 0.25}, -1.0, 2.0),
     ],
 )

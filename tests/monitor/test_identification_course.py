@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The course of an identification: progress, evaluations, budget, and where it begins."""
+"""The course of an identification: progress, evaluations, budget, and start."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, is_p
     window = window if is_play_known else replace(window, play=None)
     whole = Identification(window, description, calibration, SearchSettings())
     done = [generation.evaluations for generation in whole]
-    # Three linearisations with the causes, the unit's deviations, and some to spare.
+    # Three linearisations with the causes, the unit's deviations, and a reserve.
     for budget in range(done[2] + 145, done[2] + 157, 4):
         counted.clear()
         estimate = identify(window, description, calibration, SearchSettings(budget=budget))
@@ -79,7 +79,7 @@ def test_optimizer_receives_a_good_cost_and_the_budget_less_what_the_estimate_ne
     next(iter(Identification(window, description, calibration, settings)))
     [hints] = every_hints
     # The cost of the healthy point; three linearisations in eight faults and seven causes that
-    # change the motion; two points; six deviations of the unit there and at the healthy one.
+    # change the motion; two points; six deviations of the unit there and at the healthy point.
     assert hints.budget == 400 - (1 + 3 * 35 + 2 + 2 * (1 + 6))
     assert hints.good_cost > 0.0
 
@@ -93,7 +93,7 @@ def test_cancelled_identification_has_no_estimate(windows_of, calibration, descr
     assert identification.estimate is None
 
 
-# Evaluations of the search alone. A healthy window ends at once, where the search begins healthy.
+# Evaluations of the search alone. A healthy window ends at once if the search begins healthy.
 @pytest.mark.parametrize(
     ("case", "share"), [("healthy", 4.0), ("short circuit high", 0.6), ("multiple", 0.7)]
 )
@@ -112,7 +112,7 @@ def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
     cold, warm = estimates
     assert cold is not None
     assert warm is not None
-    # An eccentricity of 0.004 is at the limit of significance: it may be 0 or not.
+    # An eccentricity of 0.004 is at the limit of significance: it may be 0.
     actual, expected = (np.delete(estimate.faults, ECCENTRICITY_PHASE) for estimate in (warm, cold))
     assert actual == pytest.approx(expected, abs=6e-3)
     assert warm.fitness == pytest.approx(cold.fitness, rel=0.02)
@@ -127,7 +127,7 @@ def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
 def test_unrelated_faults_of_the_window_before_do_no_harm(
     stirred_window, stirred_estimates, calibration, description, case, seed
 ):
-    """They cost a descent, or a screen where that ends in a poor optimum."""
+    """They cost a descent, or a screen if the descent ends in a poor optimum."""
     cold, truth = stirred_estimates(case), fault_vector(CASES[case])
     previous = 0.9 * np.random.default_rng(seed).random(8)
     window = stirred_window(CASES[case], 3)

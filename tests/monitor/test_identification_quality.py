@@ -33,15 +33,15 @@ def expected_response(calibration, window, faults, play):
 def test_fitness_is_the_sum_of_squares_at_the_estimate(
     windows_of, calibration, description, fitness
 ):
-    """Of an eccentric motor: where the phase is not observable it is set after the search."""
+    """The motor is eccentric: where the phase is unobservable, it is set after the search."""
     truth = CASES["eccentricity low"]
     [window] = windows_of(truth)
     estimate = identify(window, description, calibration, SearchSettings(fitness=fitness))
     response = expected_response(calibration, window, estimate.faults, estimate.play_offset)
     row = fitness_for(fitness, window, calibration).residuals(response)
-    # Fault vectors to the point and back: rounding, times a steep current.
+    # Converting fault vectors to the point and back: rounding, times a steep current.
     assert estimate.fitness == pytest.approx(np.sum(row**2), rel=1e-6)
-    # Measured 0.3 % in the band, and up to 0.7 % sample by sample.
+    # Measured: 0.3 % in the band, and up to 0.7 % sample by sample.
     assert estimation_error(estimate.faults, fault_vector(truth)) < 1.5
 
 
@@ -66,7 +66,7 @@ def test_goodness_of_fit_is_that_of_the_worse_quantity_in_its_band(
 def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
     windows_of, calibration, description, estimates
 ):
-    """A phase with a third of its turns has a third of the inductance against its ripple."""
+    """A phase with a third of its turns has a third of the inductance to limit its ripple."""
     [window] = windows_of(CASES["short circuit high"])
     estimate = estimates("short circuit high")
     expected = GOODNESS_LIMIT / np.sqrt(1.0 - estimate.faults[2])
@@ -74,7 +74,7 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
     assert estimate.verdict == "valid"
     strict = SearchSettings(goodness_limit=0.5)
     degraded = identify(window, description, calibration, strict)
-    # Most of the departure from healthy is explained all the same.
+    # Most of the departure from healthy is still explained.
     assert degraded.valid
     assert degraded.verdict == "degraded"
     assert "standard deviations are widened" in degraded.reason
@@ -84,9 +84,9 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
 
 
 def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, description):
-    """The same from derivatives by eccentricity and phase, without the plane between.
+    """Derivatives by eccentricity and phase, without the plane, give the same sigma.
 
-    With noise of 1 A, so that it outweighs the allowance for the mismatch of the model.
+    The noise of 1 A outweighs the allowance for the mismatch of the model.
     """
     [window] = windows_of(CASES["eccentricity high"])
     noise = np.random.default_rng(12).normal(0.0, 1.0, len(window) + 1)
@@ -94,7 +94,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     settings = SearchSettings(fitness="least_squares")
     estimate = identify(window, description, calibration, settings)
 
-    # As far as in the plane, and one-sided at the walls.
+    # Steps as in the plane, and one-sided at the bounds.
     around = 2 * np.pi * estimate.faults[ECCENTRICITY]
     step = np.full(8, 5e-3)
     step[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 1e-2, 1e-2 / around
@@ -108,7 +108,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     factor = MISMATCH_FACTOR * max(1.0, estimate.goodness_of_fit / USUAL_MISFIT)
     expected = factor**2 * np.diag(covariance) + MISMATCH_SIGMA**2
     expected[ECCENTRICITY_PHASE] += (1 / around**2 - 1) * MISMATCH_SIGMA[ECCENTRICITY_PHASE] ** 2
-    # Derivatives over other steps, of a model with dry friction, differ by some percent.
+    # Derivatives with other steps, of a model with dry friction, differ by some per cent.
     assert estimate.sigma == pytest.approx(np.sqrt(expected), rel=0.15)
     assert estimate.sigma[ECCENTRICITY] > 2 * MISMATCH_SIGMA[ECCENTRICITY]
     # Half of the distribution is narrow; the other half ends at 1.28 of its width.
@@ -120,7 +120,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
 def test_single_window_does_not_determine_the_fit_and_widens_as_the_worst_valid_one(
     windows_of, healthy_windows, description
 ):
-    """With a known scatter at which the same residual is at the limit, nothing else changes."""
+    """With a known scatter that puts the same residual at the limit, the result is the same."""
     [window] = windows_of(CASES["friction low"])
     blind = calibrate_model(healthy_windows[:1], description)
     blind = replace(blind, unit_covariance=np.zeros_like(blind.unit_covariance))
@@ -136,7 +136,7 @@ def test_single_window_does_not_determine_the_fit_and_widens_as_the_worst_valid_
     assert np.isnan(unknown.unexplained_share)
     np.testing.assert_array_equal(unknown.faults, certain.faults)
     # Variance of the friction from the residuals, without the allowance for the mismatch; the ridge
-    # of the covariance, 0.1 % of it, does not grow.
+    # of the covariance, 0.1 % of it, is constant.
     [actual, expected] = (
         estimate.sigma[0] ** 2 - MISMATCH_SIGMA[0] ** 2 for estimate in (unknown, certain)
     )

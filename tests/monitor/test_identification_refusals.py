@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows and settings that no estimate is made of, and why."""
+"""Windows and settings that give no estimate, and the reasons."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def check_refused(estimate: Estimate, *texts: str):
 
 
 def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
-    """Columns of a motor that stands still while a current flows."""
+    """Return the columns of a motor that stands still while a current flows."""
     return {
         "speed": 0.0 * t.speed,
         "position": 0.0 * t.position,
@@ -98,7 +98,7 @@ def test_window_in_which_nothing_can_be_found_is_refused_regardless_of_what_is_f
 
 @pytest.mark.parametrize("cause", ["jam", "open_phase_a", "dead_switch"])
 def test_defect_that_comes_up_within_a_window_is_named(window, calibration, description, cause):
-    """Two fifths before its end: without current, the motor takes a while to come to rest."""
+    """It begins two fifths before the end: without current, the motor takes a while to stop."""
     actuator = SimulatedActuator()
     actuator.causes = {cause: Profile(1.0, start_s=0.3, end_s=0.3)}
     telemetry = actuator.advance(window.command)
@@ -118,12 +118,12 @@ def test_calibration_of_another_unit_is_refused_unless_forced(
     assert estimate.valid
     assert estimate.reason.startswith("forced although the actuator has ")
     assert texts[0] in estimate.reason
-    # The calibration provides the model, so that the estimate is of the right unit.
+    # The calibration provides the model, so that the estimate belongs to the right unit.
     np.testing.assert_array_equal(estimate.faults, estimates("friction low").faults)
 
 
 def test_only_a_refusal_for_want_of_a_calibration_lacks_one(window, calibration, description):
-    """A drive that failed, or stood still, had its calibration for any reason."""
+    """A drive that failed or stood still had its calibration in any case."""
     slower = changed(window, sample_period=2e-4)
     still = changed(window, **standing(window.telemetry, 22.0))
     cut = Refusal(0, 1, "the calibration was running")
@@ -153,7 +153,7 @@ def test_part_of_a_window_is_estimated_with_the_wider_scatter(
 
 
 def test_measured_current_that_is_no_number_is_refused(window, calibration, description):
-    """A trigger lets none through; a window made otherwise may have one."""
+    """A trigger accepts no NaN, but a window made otherwise may have one."""
     current = window.telemetry.current.copy()
     current[1234] = np.nan
     estimate = identify(changed(window, current=current), description, calibration)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Intake of one actuator: whose duty, counts and measured causes reach whose windows and tests."""
+"""Intake of one actuator: assignment of duty, counts and measured causes to windows and tests."""
 
 from dataclasses import replace
 
@@ -26,13 +26,13 @@ S = 1_000_000_000
 
 
 def block(first: int, samples: int = 1000) -> Telemetry:
-    """Telemetry at rest."""
+    """Return telemetry at rest."""
     zeros = np.zeros(samples)
     return Telemetry(round(first * PERIOD_S * S), PERIOD_S, first, zeros, zeros, zeros, zeros)
 
 
 def cycle_block(stamp_ns: int = 0) -> Telemetry:
-    """A whole test cycle, which the position follows."""
+    """Return a whole test cycle, whose position follows the command."""
     zeros = np.zeros(len(CYCLE))
     return Telemetry(stamp_ns, PERIOD_S, 0, CYCLE, zeros, CYCLE, zeros)
 

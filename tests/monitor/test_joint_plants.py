@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction, torque, gravity and temperature act on the joints of the benchmark as stated."""
+"""Friction, torque, gravity and temperature affect the joints of the benchmark as stated."""
 
 from types import ModuleType
 
@@ -17,7 +17,7 @@ DAY = plants.FIRST_TEST_DAY
 
 
 def columns(name: str, **case):
-    """Return time, speed and effort [N.m or N] of a record, the same but for its faults."""
+    """Return time, speed and effort [N.m or N] of a record that differs only in its faults."""
     unit = plants.Unit(name)
     record = unit.record(DAY, 0, plants.Case(**case))
     log = record.columns
@@ -31,13 +31,14 @@ def test_doubled_friction_doubles_the_effort_that_follows_the_direction(name):
     speed, healthy, dry = columns(name)
     _, worn, dry_worn = columns(name, friction=2.0)
     assert dry_worn == pytest.approx(2.0 * dry)
-    # Fast strokes only: there friction has fallen from its static to its Coulomb value.
+    # Only fast strokes, where friction has fallen from its static to its Coulomb value.
     moves = np.abs(speed) > 0.4 * np.quantile(np.abs(speed), 0.98)
     more = np.mean(((worn - healthy) * np.sign(speed))[moves])
-    # Load-dependent friction is on top: of gravity, constant load and friction of the load side.
+    # Load-dependent friction comes in addition: of gravity, constant load and friction of the load
+    # side.
     of_load = joint.gravity + joint.constant_load + joint.load_friction
     most = joint.coulomb + 2.0 * joint.load_dependence * (of_load + joint.load_inertia)
-    # 10 %: a slow controller moves the worn joint otherwise.
+    # 10 %: a slow controller moves the worn joint differently.
     assert 0.9 * dry * joint.coulomb < more < 1.1 * dry * most
 
 
@@ -144,6 +145,6 @@ def test_least_squares_find_friction_of_a_stage(joints, tmp_path):
     healthy = [unit.write(unit.record(0, i), tmp_path, f"{i}") for i in range(3)]
     found = joints.LeastSquares(unit.joint, healthy)
     worn = unit.write(unit.record(0, 9, plants.Case(friction=1.3)), tmp_path, "worn")
-    # Of one day: 2 % for warmth, Stribeck friction and noise.
+    # Within one day: 2 % for warming, Stribeck friction and noise.
     assert found.judge(worn)["change"] == pytest.approx(0.3, abs=0.02)
     assert found.judge(worn)["alarm"]

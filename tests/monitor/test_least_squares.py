@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares: how much of a search it takes."""
+"""Least squares: the effort of a search depends on the problem."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ _, SMALL, LARGE = (size for size, _ in _SCREENS)
 
 
 class Patient:
-    """Not even a cost of nothing ends a search before it has converged."""
+    """A stop criterion that never stops, not even at zero cost, so that the search converges."""
 
     budget = 100_000
 
@@ -27,13 +27,13 @@ class Patient:
 
 
 def valley(x):
-    """Curved, with curvatures that differ by 100, and its only minimum worth nothing."""
+    """Return residuals with curvatures that differ by 100, whose only minimum is zero."""
     y = (x - CENTRE) @ ROTATION.T
     return (y + 0.3 * np.roll(y, 1, axis=1) ** 2) * np.geomspace(1.0, 0.1, D)
 
 
 def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
-    """Batches asked for, and the progress."""
+    """Return the evaluated batches, and the progress."""
     batches = []
 
     def watched(points):
@@ -49,7 +49,7 @@ def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
 
 
 def screens(batches):
-    """Sizes of screens, which alone begin with the start; the first has its differences, too."""
+    """Return the sizes of screens: of batches that begin with the start, without differences."""
     first, *others = [len(one) for one in batches if np.array_equal(one[0], batches[0][0])]
     return [first - batches[0].shape[1], *others]
 
@@ -61,7 +61,7 @@ def test_screen_is_a_latin_hypercube_about_the_start():
         batch for batch in batches if len(batch) == SMALL and np.array_equal(batch[0], start)
     ]
     assert np.array_equal(first[0], start)
-    # The half that is spread over the box has at most one point in a cell of each component.
+    # The half that is spread over the box has at most one point per cell of each component.
     for component in first[SMALL // 2 :].T:
         assert len(set(np.floor(component * SMALL))) == SMALL - SMALL // 2
     spread, drawn = (
@@ -72,7 +72,7 @@ def test_screen_is_a_latin_hypercube_about_the_start():
 
 @pytest.mark.parametrize("screen", [1, 2])
 def test_better_half_of_the_descents_continues_until_one_is_left(screen):
-    """Of an odd number the larger half; differences and trials take turns, until it is one."""
+    """For an odd number, the larger half continues; differences and trials alternate until then."""
     size, starts = _SCREENS[screen]
     batches, _ = search(valley)
     first = next(
@@ -83,7 +83,7 @@ def test_better_half_of_the_descents_continues_until_one_is_left(screen):
     while expected[-1] > 1:
         expected.append(-(-expected[-1] // 2))
     alternating = [n * size for n in expected for size in (D, len(FACTORS) + 1)][:-1]
-    # The best may have arrived before the others are given up, but not at once.
+    # The best descent may have converged before the others are abandoned, but not at once.
     assert sizes[: len(alternating)] == alternating[: len(sizes)]
     assert len(sizes) >= 6
 
@@ -104,13 +104,13 @@ def test_good_start_takes_no_screen():
         (np.inf, 0.0, [1]),
         (0.3, 0.0, [1]),
         (0.2, 0.0, [1, SMALL, LARGE]),
-        # A fair one is accepted once a second search finds nothing better.
+        # A fair cost is accepted once a second search finds nothing better.
         (0.1, 0.3, [1, SMALL]),
         (0.1, 0.2, [1, SMALL, LARGE]),
     ],
 )
 def test_poor_optimum_leads_to_larger_screens(good_cost, fair_cost, expected):
-    """Here there is none but one that costs 0.25, whatever is searched."""
+    """The only optimum costs 0.25, for any search."""
 
     def shallow(x):
         return np.concatenate([x - CENTRE, np.full((len(x), 1), 0.5)], axis=1)
@@ -122,7 +122,7 @@ def test_poor_optimum_leads_to_larger_screens(good_cost, fair_cost, expected):
 
 
 def two_valleys(x):
-    """One about the middle costs 0.25 at its bottom, a narrow one about a corner nothing."""
+    """The middle one has a cost of 0.25, a narrow one at a corner a cost of zero."""
     to_corner = x - 0.95
     wide = np.concatenate([x - 0.5, np.full((len(x), 1), 0.5)], axis=1)
     narrow = np.concatenate([to_corner, np.zeros((len(x), 1))], axis=1)
@@ -132,20 +132,20 @@ def two_valleys(x):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_larger_screen_finds_what_the_start_does_not(seed):
-    """The corner's valley holds half a percent of the box."""
+    """The valley in the corner takes up half a per cent of the box."""
     start = np.full(3, 0.52)
     _, stays = search(two_valleys, start, seed=seed, good_cost=0.3)
     assert stays[-1].cost == pytest.approx(0.25, rel=1e-9)
     batches, found = search(two_valleys, start, seed=seed, good_cost=0.2)
     assert found[-1].cost < 1e-12
     assert found[-1].point == pytest.approx(0.95, abs=1e-4)
-    # Once there is an optimum that it believes, it does not go on.
+    # Once it accepts an optimum, the search ends.
     assert screens(batches) in ([1, SMALL], [1, SMALL, LARGE])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_fair_optimum_that_a_second_search_improves_is_searched_on(seed):
-    """To the largest screen, unless what it found is good."""
+    """The search continues to the largest screen, unless it finds a good cost."""
     start = np.full(3, 0.52)
     batches, found = search(two_valleys, start, seed=seed, good_cost=1e-15, fair_cost=0.3)
     reached = found[-1].cost < 1e-12
@@ -154,7 +154,7 @@ def test_fair_optimum_that_a_second_search_improves_is_searched_on(seed):
 
 @pytest.mark.parametrize("component", [0, 5])
 def test_column_without_derivative_leaves_its_component(component):
-    """Not a number as soon as one component moves from where it starts."""
+    """The residuals are NaN as soon as one component leaves its start."""
     start = np.full(D, 0.5)
 
     def stiff(x):

@@ -17,7 +17,7 @@ from .test_records import START_NS, UNKNOWN, H, rest, sine, telemetry
 
 
 def pieces(whole: Telemetry, lost: NDArray[np.bool_]) -> list[Telemetry]:
-    """The samples that were not lost, a block for each run of them."""
+    """Return the samples that were not lost, with a block for each run."""
     kept = np.flatnonzero(~lost)
     runs = np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1)
     return [whole.part(int(run[0]), int(run[-1]) + 1) for run in runs]
@@ -54,7 +54,7 @@ def test_lost_samples_are_bridged_and_flagged(share: float):
 
 
 def test_interpolated_steps_are_no_resolution_of_the_sensor():
-    """Else a sensor that toggles by its step at rest would never rest."""
+    """Otherwise a sensor that toggles by its step at rest would never rest."""
     step = 2e-3
     toggling = step * (np.arange(600) % 7 == 0)
     position = np.round(np.concatenate([sine(6.0), toggling, sine(6.0)]) / step) * step
@@ -98,5 +98,5 @@ def test_rows_around_a_gap_longer_than_the_filter_are_left_out():
     assert 0.9 * len(intact) < len(rows) < len(intact)
     usual = np.max(intact.effort)
     assert np.max(filled.effort) > 10.0 * usual
-    # The long gap leaves no trace beside it, and the short one is used.
+    # The surroundings of the long gap are left out, and the short gap is used.
     assert np.sum(rows.effort > 2.0 * usual) in (2, 3, 4)

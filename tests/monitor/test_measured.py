@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A hidden cause that is measured is no longer to be told from faults; a wrong one is found out."""
+"""A measured hidden cause is separated from faults; a wrong measurement is detected."""
 
 import math
 from dataclasses import replace
@@ -35,11 +35,11 @@ def error(estimate: Estimate, faults) -> float:
 @pytest.mark.parametrize(
     ("faults", "causes", "measured"),
     [
-        # Without a load up to 0.0013; measured 0.0018.
+        # Without a load, up to 0.0013; measured: 0.0018.
         ({}, LOAD, {"load_torque": (0.3, 0.01)}),
         ({"short_circuit_a": 0.15}, LOAD, {"load_torque": (0.31, 0.01)}),
         ({"gain": 0.65, "backlash": 0.05}, LOAD, {"load_torque": (0.31, 0.01)}),
-        # Without the measurement neither it nor friction is known (0.036 off, degraded).
+        # Without the measurement, neither load nor friction is known (off by 0.036, degraded).
         (FRICTION, {"torque_constant": -0.05}, {"torque_constant": (-0.05, 0.002)}),
         (FRICTION, {"winding_temperature": 60.0}, {"winding_temperature": (60.0, 3.0)}),
     ],
@@ -47,7 +47,7 @@ def error(estimate: Estimate, faults) -> float:
 def test_faults_next_to_a_measured_cause_are_as_without(
     calibration, description, faults, causes, measured
 ):
-    """Also where the measurement is one sigma off."""
+    """This holds also if the measurement is off by one sigma."""
     window = recorded(faults, causes)
     estimate = identify(window, description, calibration, measured=measured)
     assert (estimate.verdict, estimate.causes, estimate.alternatives) == ("valid", (), ())
@@ -73,7 +73,7 @@ def test_wrong_measurement_is_contradicted_by_the_window(
     window = recorded(faults, causes)
     estimate = identify(window, description, calibration, measured={"load_torque": (printed, 0.01)})
     assert f"contradicts it: measured load torque {printed:+.3g} ± 0.01 N.m" in estimate.reason
-    # As if nothing had been measured.
+    # The result equals that without a measurement.
     alone = identify(window, description, calibration)
     assert (estimate.measured, estimate.causes) == ((), alone.causes)
     np.testing.assert_array_equal(estimate.faults, alone.faults)
@@ -85,7 +85,7 @@ def test_wrong_measurement_is_contradicted_by_the_window(
 
 @pytest.mark.slow
 def test_measured_sigma_is_part_of_the_uncertainty(calibration, description):
-    """Which of three shorts and torque constant it is, only the measurement tells."""
+    """Only the measurement separates three short circuits from the torque constant."""
     window = recorded({}, {"torque_constant": -0.05})
     sure, unsure = (
         identify(
@@ -97,7 +97,7 @@ def test_measured_sigma_is_part_of_the_uncertainty(calibration, description):
 
 
 def test_other_distances_take_the_measured_value(calibration, description):
-    """They know no noise to weigh its sigma by."""
+    """They have no noise with which to weigh the sigma."""
     window = recorded({}, LOAD)
     settings = SearchSettings(fitness="least_squares")
     blind, seeing = (
@@ -110,7 +110,7 @@ def test_other_distances_take_the_measured_value(calibration, description):
 
 @pytest.mark.slow
 def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, description):
-    """Believed, it made three shorts of .28 and no friction of it."""
+    """If used, it led to three shorts of 0.28 and no friction."""
     moves = Command("moves", amplitude=0.008, rate=0.3, duration=3.0)
     causes = {"load_torque": 0.3, "torque_constant": -0.03}
     telemetry = simulate(FRICTION, command=moves, causes=causes)

@@ -24,7 +24,7 @@ KNOWN = fault_vector({"friction": 0.2})
 
 
 def reported(day: int, *causes: CauseEstimate, valid: bool = True, **more) -> Estimate:
-    """An estimate of 0.2 +- 0.01 friction."""
+    """Return an estimate with a friction of 0.2 +- 0.01."""
     stamp, covariance = day * DAY, 1e-4 * np.eye(8)
     made = {"faults": KNOWN, "covariance": covariance, "unobservable": np.zeros(8, dtype=bool)}
     return Estimate(stamp, stamp, "a", 0, "c", causes=causes, valid=valid, **made, **more)
@@ -105,7 +105,7 @@ def test_what_a_window_contradicts_is_not_remembered():
 
 @pytest.fixture(scope="module")
 def shorted(stirred_window):
-    """Three healthy tests, a day after the other, and two with equal shorts in three phases."""
+    """Return three healthy tests, one per day, and two with equal shorts in three phases."""
     windows = [stirred_window(SHORTS if day > 3 else {}, day) for day in range(1, 6)]
     return [
         replace(window, telemetry=replace(window.telemetry, stamp_ns=day * DAY))
@@ -125,7 +125,7 @@ def followed(
 
 
 def test_equal_shorts_are_separated_from_a_weaker_motor_by_when_they_came(shorted, calibration):
-    """The window alone names the torque constant, which is one cause; neither is certain."""
+    """The window alone names the torque constant, a single cause; neither is certain."""
     *_, last = followed(Diagnosis(), shorted, calibration)
     assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.1, abs=0.02)
     assert "torque_constant" not in {cause.name for cause in last.causes}

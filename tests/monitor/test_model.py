@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the monitor model does as a whole: steps, symmetry, many individuals, its kernels."""
+"""The monitor model as a whole: steps, symmetry, many individuals, and its kernels."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ CHIRP = np.concatenate([[0.0], THESIS_CHIRP.sample(1e-4)])
 
 
 def equal(a: Response, b: Response) -> bool:
-    """Whether two responses agree to the last bit."""
+    """Return whether two responses are bit-identical."""
     return all(np.array_equal(x, y, equal_nan=True) for x, y in zip(a, b, strict=True))
 
 
@@ -46,16 +46,16 @@ def test_fast_form_converges_with_its_step(faults):
         MonitorModel(PARAMETERS, dt=dt).respond(window, vector).current for dt in (*steps, 1e-6)
     )
     errors = [rms(current - finest) for current in coarse]
-    # First order; stops at zero speed and the edges of the pairs scatter it.
+    # The error is of first order; stops at zero speed and the edges of the pairs scatter it.
     assert 0.7 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 1.5
-    # The default step is well below the PWM's ripple of 0.1 A.
+    # The error of the default step is well below the PWM ripple of 0.1 A.
     assert errors[1] < 0.02
     assert FORMS["fast"] == steps[1]
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_individuals_of_one_call_do_not_know_each_other(form):
-    """Alone, in another order, in another lane or beside the padding: the same to the last bit."""
+    """Alone, in another order or lane, or next to padding, results are bit-identical."""
     rng = np.random.default_rng(5)
     n = 2 * LANES + 3
     faults = np.stack([random_faults(rng) for _ in range(n)])
@@ -100,8 +100,9 @@ def test_threads_may_run_the_model_at_once():
         assert equal(response, model.respond(window, faults))
 
 
-# The simulator shares functions with the monitor, whose index in the cache names the types each was
-# compiled for: reading it brings in the modules of those types, which must be of everyone's own.
+# The simulator shares functions with the monitor. Their cache index names the argument types of
+# each compiled version, and reading it imports the modules of these types: they must belong to
+# neither package.
 USE = """
 import sys
 from ema_sim.actuator import SimulatedActuator
@@ -126,18 +127,19 @@ def test_another_process_finds_the_kernels_in_the_cache_and_loads_no_more_than_i
 
 @pytest.mark.parametrize(
     ("from_degrees", "pair"),
-    # Eq. 4.12, and the next two half turns: the pair does not tell which way the current flows.
+    # Eq. 4.12, and the next two half turns: the pair does not depend on the direction of the
+    # current.
     [(-30, "BC"), (30, "AB"), (90, "AC"), (150, "BC"), (210, "AB"), (-90, "AC")],
 )
 def test_pair_is_that_of_equation_4_12_and_holds_up_to_where_the_next_one_begins(
     from_degrees, pair
 ):
-    """However far the motor has turned."""
+    """This holds after any number of turns of the motor."""
     motor = constants(PARAMETERS).motor._replace(N_a=0.9, N_b=0.7, N_c=0.4)
     drive, width = drives.fast_constants(motor, 2e-5), math.pi / 3.0 / motor.P
     for turns in (-7, 0, 500):
         lowest = math.radians(from_degrees + 360 * turns) / motor.P
-        # 1e-9 rad is far beyond rounding; on the very edge either pair is right.
+        # 1e-9 rad is far beyond rounding; exactly on the edge, either pair is right.
         for within in (1e-9, width / 2, width - 1e-9):
             found = drives.pair_at(drive, lowest + within)
             assert drive.R[("BC", "AB", "AC").index(pair)] == found.R
@@ -149,7 +151,7 @@ def test_pair_is_that_of_equation_4_12_and_holds_up_to_where_the_next_one_begins
 def test_speed_without_branches_is_that_with_them():
     rng = np.random.default_rng(9)
     m = constants(PARAMETERS).mechanics
-    # Moving, about to stop, at rest; driven, held, just held and just not.
+    # Moving, about to stop, at rest; driven, held, barely held and barely not held.
     speeds = [*rng.normal(0.0, 50.0, 20), *rng.normal(0.0, 0.05, 20), 0.0, -0.0]
     torques = [*rng.normal(0.0, 0.3, 20), 0.0, m.f_s, -m.f_s, m.f_s * (1 + 1e-15)]
     for omega, torque in itertools.product(speeds, torques):
@@ -161,12 +163,12 @@ def test_speed_without_branches_is_that_with_them():
 
 
 def test_angle_turned_in_steps_is_the_whole_angle():
-    """Half a second at the highest speed, 8000 rpm, in the steps of the fast form."""
+    """Half a second at the highest speed, 8000 rpm, in steps of the fast form."""
     angle, steps = 8000 * 2 * math.pi / 60 * FORMS["fast"], round(0.5 / FORMS["fast"])
     cos, sin = 1.0, 0.0
     for _ in range(steps):
         cos, sin = rotate(cos, sin, angle)
-    # The first terms left out, angle^6 / 720 and angle^7 / 5040, add up over all steps.
+    # The first omitted terms, angle^6 / 720 and angle^7 / 5040, add up over all steps.
     bound = 1.1 * steps * angle**6 / 720
     assert cos == pytest.approx(math.cos(steps * angle), abs=bound)
     assert sin == pytest.approx(math.sin(steps * angle), abs=bound)
@@ -194,7 +196,7 @@ def test_impossible_step_is_refused(dt):
         MonitorModel(PARAMETERS, dt=dt)
 
 
-# The source form at its own step of 1 us costs twenty times as much.
+# The source form with its own step of 1 us costs twenty times as much.
 SAMPLES = {"fast": 5000, "source": 1500}
 FAULTS = {
     "friction": 0.1,
@@ -204,12 +206,12 @@ FAULTS = {
     "gain": 0.7,
 }
 ECCENTRIC = FAULTS | {"eccentricity": 0.4, "eccentricity_phase": 0.2}
-# Rounding of angles that are a third of a turn apart, times the position gain: some 1e-12 A.
+# Rounding of angles a third of a turn apart, times the position gain: about 1e-12 A.
 ROUNDING = 1e-9
 
 
 def relabelled(faults, names):
-    """Faults with what phase A, B, C had now in the phases named, in that order."""
+    """Return faults that move the state of phases A, B, C to the named phases, in that order."""
     k = fault_vector(faults)
     short = {phase: FAULT_NAMES.index(f"short_circuit_{phase}") for phase in "abc"}
     moved = k.copy()
@@ -230,8 +232,8 @@ def current(form, command, faults, play, position=0.0):
         # A third of an electrical turn: phase B now does what phase A did.
         ("fast", FAULTS, 2 * math.pi / 3 / PARAMETERS.P),
         ("source", FAULTS, 2 * math.pi / 3 / PARAMETERS.P),
-        # The air gap knows mechanical turns only: a third of one back is two thirds of an
-        # electrical turn back, for two pole pairs the same as one third ahead.
+        # The air gap depends only on mechanical turns: a third of one back is two thirds of an
+        # electrical turn back, which for two pole pairs equals a third ahead.
         ("fast", ECCENTRIC, -2 * math.pi / 3),
     ],
 )
@@ -240,7 +242,7 @@ def test_turning_the_rotor_relabels_the_phases(form, faults, turn):
     original = current(form, CHIRP, fault_vector(faults), 0.4)
     turned = current(form, CHIRP + offset, relabelled(faults, "bca"), 0.4, offset)
     assert np.max(np.abs(turned - original)) < ROUNDING
-    # The faults must be seen at all: without relabelling the current is another.
+    # The faults must have an effect at all: without relabelling, the current differs.
     unchanged = current(form, CHIRP + offset, fault_vector(faults), 0.4, offset)
     assert np.max(np.abs(unchanged - original)) > 0.1
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor model against the three-phase actuator that it stands for.
+"""The monitor model compared with the three-phase actuator that it represents.
 
-PWM switching is chaotic, so that sample-exact agreement is impossible: under a Hann window of 2 ms
-two runs of the actuator itself, started a little apart, differ by some 0.03 A rms.
+PWM switching is chaotic, so that sample-exact agreement is impossible. Under a Hann window of 2 ms,
+two runs of the actuator itself with slightly different starts differ by about 0.03 A rms.
 """
 
 from functools import cache
@@ -23,8 +23,8 @@ from .windows import window_from
 PARAMETERS = ActuatorParameters()
 H = 1e-4
 
-# Rms of the smoothed residual with the lift alone, no other correction. Measured: 0.031 to 0.034 A,
-# which is the PWM's, and more where the faults are not seen alike: short circuits 0.046 and 0.054,
+# Rms of the smoothed residual with the lift as the only correction. Measured: 0.031 to 0.034 A, due
+# to the PWM, and more for faults that are modelled differently: short circuits 0.046 and 0.054,
 # eccentricity 0.75 0.049. A fault off by 0.02 of its range leaves 0.02 to 0.05 A by itself.
 AGREEMENT = [
     ({}, 0.04),
@@ -50,14 +50,14 @@ def test_smoothed_current_and_speed_are_those_of_the_actuator(
     current, speed = (rows[0] for rows in modelled(window, faults, calibration.unit.lift))
     residual = window.current - current
     assert rms(band_limited(residual, H)) < limit
-    # As against some 2.5 A of current, and what is left of the ripple before smoothing.
+    # Compared with about 2.5 A of current, and the ripple before smoothing.
     assert rms(residual) < 0.14
-    # Measured 0.10 to 0.14 rad/s, as against some 90 rad/s.
+    # Measured: 0.10 to 0.14 rad/s, compared with about 90 rad/s.
     assert rms(band_limited(window.telemetry.speed[1:] - speed, H)) < 0.18
 
 
 def test_equation_4_24_does_not_describe_an_eccentric_motor(windows_of, calibration):
-    """An erratum of the thesis: its form fits worse than the driven pair's, by a factor."""
+    """This is an erratum of the thesis: its form fits worse than the driven pair's, by a factor."""
     faults = {"eccentricity": 0.5, "eccentricity_phase": 0.5}
     [window] = windows_of(faults)
     source = window.current - modelled(window, faults, 0.0, "source").current[0]
@@ -67,7 +67,7 @@ def test_equation_4_24_does_not_describe_an_eccentric_motor(windows_of, calibrat
 
 @pytest.fixture(scope="module")
 def from_rest():
-    """Current under the chirp of actuator and model, started at a place in the play."""
+    """Return a function for the currents of actuator and model, from a position in the play."""
     command = THESIS_CHIRP.sample(H)
     window = window_from(np.concatenate([[0.0], command]))
 
@@ -90,13 +90,13 @@ def test_start_in_the_play_shows_in_model_as_in_actuator(from_rest, backlash, pl
     one, other = (from_rest(play, backlash=backlash) for play in plays)
     actuator = band_limited(one[0] - other[0], H)
     model = band_limited(one[1] - other[1], H)
-    # What the PWM leaves, measured 0.029 to 0.033 A, against an effect of 0.05 to 0.17 A.
+    # The PWM leaves 0.029 to 0.033 A (measured), compared with an effect of 0.05 to 0.17 A.
     assert rms(actuator - model) < 0.04
     assert rms(model) > 0.05
 
 
 def test_flank_or_centre_moves_the_actuators_current_by_the_ripple(from_rest):
-    """Healthy: 0.15 A rms before smoothing, of which all but some mA is another ripple."""
+    """For a healthy unit, 0.15 A rms before smoothing; all but some mA is a different ripple."""
     centred, on_flank = (from_rest(play) for play in (0.0, 1.0))
     assert 0.10 < rms(centred[0] - on_flank[0]) < 0.19
     assert rms(centred[1] - on_flank[1]) < 0.01

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor without ROS: blocks in, defects, estimates and health out."""
+"""A monitor without ROS: from blocks to defects, estimates and health."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ TEN_HOURS = MonitorSettings(
 
 @pytest.fixture(scope="module")
 def blocks():
-    """Three test cycles of an actuator with friction."""
+    """Return three test cycles of an actuator with friction."""
     bench = ActuatorBench(ActuatorDescription(), BenchSettings())
     bench.set_faults({"friction": 0.6})
     return [block for n in range(3) for block, _ in bench.begin_cycle(n * 10**10).blocks]
@@ -71,7 +71,7 @@ def test_counts_give_the_hours_and_the_history_continues_after_a_restart(blocks,
     assert [outlook.hours for outlook in outlooks_in(fed(first, cycle))] == [100.0]
     first.unit.history.close()
     second = Monitor(history_folder=tmp_path)
-    # The same telemetry again changes nothing.
+    # Repeating the same telemetry changes nothing.
     assert {outlook.hours for outlook in outlooks_in(fed(second, cycle))} == {100.0}
     assert len(second.unit.history.entries) == 1
     second.unit.history.close()

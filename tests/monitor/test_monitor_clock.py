@@ -21,7 +21,7 @@ PAST_NS = 1_700_000_000 * 10**9
 
 
 def outlooks(monitor: Monitor, tests: Sequence[tuple[int, float]]) -> list[Outlook]:
-    """Feed tests, each by its start [ns] and friction; return the outlooks."""
+    """Feed tests, given by start [ns] and friction; return the outlooks."""
     made = []
     for number, (start_ns, friction) in enumerate(tests):
         telemetry = simulate({"friction": friction}, seed=number, current_noise=0.02)
@@ -31,7 +31,7 @@ def outlooks(monitor: Monitor, tests: Sequence[tuple[int, float]]) -> list[Outlo
 
 
 def course(start_ns: int, back_ns: int) -> list[tuple[int, float]]:
-    """Three healthy tests, a step of the clock, and three tests of a worn unit."""
+    """Return three healthy tests, a step of the clock, and three tests of a worn unit."""
     healthy = [(start_ns + i * MINUTE_NS, 0.0) for i in range(3)]
     return healthy + [(start_ns + i * MINUTE_NS - back_ns, 0.8) for i in range(3, 6)]
 
@@ -61,7 +61,7 @@ def test_tests_are_ordered_by_reception_if_this_computer_goes_back_too(monkeypat
 
 
 def test_older_recording_does_not_replace_the_level_of_a_worn_unit():
-    """Not even after a test of it that cannot be used, or failed."""
+    """This holds even after a later test of the unit that is unusable or failed."""
     monitor = Monitor()
     worn = outlooks(monitor, [(PAST_NS + i * MINUTE_NS, 0.8) for i in range(3)])
     assert worn[-1].health.level == ERROR

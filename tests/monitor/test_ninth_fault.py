@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ninth fault is an entry in the registry, its physics and a field of the vector: all follows.
+"""A ninth fault needs only an entry in the registry, its physics and a field of the vector.
 
-The messages have a line for it besides; ``tests/core/test_faults.py`` compares their fields.
+The messages need a line as well; ``tests/core/test_faults.py`` compares their fields.
 """
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the optimizers minimise: residuals on the unit box, and their derivatives."""
+"""Objective of the optimizers: residuals on the unit box, and their derivatives."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from .windows import made_by
 
 @pytest.fixture(scope="module")
 def made(healthy_windows, calibration):
-    """Window that the calibrated model made with faults."""
+    """Return a window that the calibrated model simulated with faults."""
     return made_by(calibration, healthy_windows[0], TRUTH)
 
 
@@ -30,7 +30,7 @@ def test_window_that_the_model_made_has_no_residual_at_its_faults(
     objective = Objective(made, calibration, fitness, cartesian=cartesian)
     points = np.stack([objective.encode(fault_vector(TRUTH)), objective.healthy])
     truth, healthy = np.sum(objective.residuals(points) ** 2, axis=1)
-    # Faults to the point and back: rounding, which a chirp of 100 Hz makes some 1e-9 A of.
+    # Rounding of faults to the point and back, amplified to about 1e-9 A by a chirp of 100 Hz.
     assert truth < 1e-12
     assert healthy > 1e-4
 
@@ -66,7 +66,7 @@ def test_residuals_are_those_of_the_fitness_in_the_calibrated_model(made, calibr
 def test_derivatives_are_central_differences_and_one_sided_at_the_walls(
     made, calibration, friction
 ):
-    """A healthy actuator has most of its faults at the walls."""
+    """A healthy actuator has most of its faults at the bounds."""
     objective = Objective(made, calibration)
     point = objective.encode(fault_vector({"friction": friction, "gain": 0.6}))
     at = objective.linearise(point)
@@ -85,7 +85,7 @@ def test_linearisation_evaluates_as_often_as_it_states(made, calibration, counte
     objective = Objective(made, calibration)
     counted.clear()
     objective.linearise(np.full(objective.dimension, 0.3))
-    # Five faults are at their bound when healthy: one of both differences is the point itself.
+    # Five faults are at their bound when healthy: one of the two differences is the point itself.
     objective.linearise(objective.healthy)
     most = objective.linearisation_evaluations
     assert counted == [most, most - 5]
@@ -93,7 +93,7 @@ def test_linearisation_evaluates_as_often_as_it_states(made, calibration, counte
 
 @pytest.fixture(params=[(0.25, True), (0.25, False), (None, True), (None, False)])
 def coordinates(request) -> Coordinates:
-    """By a known place in the play or none, and in the plane of the eccentricity or not."""
+    """Return coordinates with and without the position in the play and the eccentricity plane."""
     return Coordinates(*request.param)
 
 
@@ -134,7 +134,7 @@ def test_eccentricity_beyond_one_is_drawn_back_along_its_direction(x, y):
 
 
 def test_eccentricity_and_phase_in_the_plane():
-    """A phase of 0.75 is phi = pi / 2: all of zeta in y."""
+    """A phase of 0.75 is phi = pi / 2: zeta is entirely in y."""
     faults = fault_vector({"eccentricity": 0.4, "eccentricity_phase": 0.75})
     point = Coordinates(0.0, cartesian=True).encode(faults)
     assert point[[ECCENTRICITY, ECCENTRICITY_PHASE]] == pytest.approx([0.5, 0.7], abs=1e-15)

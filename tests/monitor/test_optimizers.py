@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every registered optimizer must do, whatever it is."""
+"""Requirements on every registered optimizer."""
 
 import random
 
@@ -19,25 +19,25 @@ LONG = Termination(budget=10_000, tolerance=0.0, stall_generations=1000)
 SHORT = Termination(budget=2500, tolerance=0.0, stall_generations=1000)
 SEEDS = range(5)
 
-# Faulty by design, as in the thesis. These are held to what random points achieve. Whatever is not
-# about precision holds for them, too.
+# Intentionally faulty, as in the thesis. Their precision is only compared with random points; all
+# other requirements apply to them, too.
 IMPRECISE = {"gwo_thesis": "beta and delta of a wolf may stay at the zero vector and draw it there"}
 
 pytestmark = pytest.mark.parametrize("name", ALGORITHMS)
 
 
 def blind(x):
-    """Quadratic in which a component has no effect."""
+    """Return residuals of a quadratic in which one component has no effect."""
     return x[:, 1:] - CENTRE[1:]
 
 
 def valley(x):
-    """Quadratic whose curvatures differ by 100, away from the middle."""
+    """Return residuals of a quadratic whose curvatures differ by 100, away from the middle."""
     return (x - CENTRE) @ ROTATION.T * np.geomspace(1.0, 0.1, D)
 
 
 def waves(x):
-    """y^2 + sin^2(pi y) in each of three components: 27 minima, the others worth 0.9 and more."""
+    """Return residuals of y^2 + sin^2(pi y) in three components: 27 minima, others cost >= 0.9."""
     y = 3.0 * (x - CENTRE[:3])
     return np.concatenate([y, np.sin(np.pi * y)], axis=1)
 
@@ -51,7 +51,7 @@ def make(name, *, start=MIDDLE, seed=0, budget=LONG.budget):
 
 
 def run(name, function, *, start=MIDDLE, seed=0, termination=LONG):
-    """Progress of a run, whose points must all be within the box."""
+    """Return the progress of a run, after checking that all points are in the box."""
 
     def within_box(points):
         assert points.shape[1:] == start.shape
@@ -63,12 +63,12 @@ def run(name, function, *, start=MIDDLE, seed=0, termination=LONG):
 
 
 def best_of_random(function, *, d=D, points=LONG.budget):
-    """Cost of the best of as many random points as a run may ask for."""
+    """Return the lowest cost of as many random points as a run may evaluate."""
     return np.min(np.sum(function(np.random.default_rng(7).random((points, d))) ** 2, axis=1))
 
 
 def worst_of_most(costs):
-    """The worst but one: chance may spoil one run in five, no more."""
+    """Return the second largest cost: chance may spoil one run in five, but no more."""
     return sorted(costs)[-2]
 
 
@@ -79,10 +79,10 @@ def same(a: Progress, b: Progress) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize(("function", "share"), [(blind, 1e-3), (valley, 1e-2)])
 def test_quadratic_is_solved(name, function, share):
-    """To 3 % of the distance, 0.005 in a component: a grey wolf's step when its budget is spent.
+    """The tolerance is 3 % of the distance, 0.005 in a component: a grey wolf's final step.
 
-    The others get to 1e-7 of the cost and better. A tenth of the distance along the flattest
-    direction of the valley costs 1e-2 of it.
+    The other optimizers reach 1e-7 of the cost and better. A tenth of the distance along the
+    flattest direction of the valley costs 1e-2 of it.
     """
     costs = [run(name, function, seed=seed)[-1].cost for seed in SEEDS]
     fine = share * cost_at(function, MIDDLE)
@@ -90,20 +90,20 @@ def test_quadratic_is_solved(name, function, share):
 
 
 def test_best_of_many_minima_is_found_from_another(name):
-    # Where 2 y + pi sin(2 pi y) = 0 next to y = 1, in each component.
+    # Where 2 y + pi sin(2 pi y) = 0 near y = 1, in each component.
     start = CENTRE[:3] + 0.9095 / 3.0
     for step in 0.02 * np.concatenate([np.eye(3), -np.eye(3)]):
         assert cost_at(waves, start + step) > cost_at(waves, start) > 2.0
     ends = [run(name, waves, start=start, seed=seed)[-1] for seed in SEEDS]
-    # The best of the other minima is worth 0.9; 10,000 evaluations are plenty for one valley.
-    # About the minimum y^2 + sin^2(pi y) = 98 (x - centre)^2.
+    # The best of the other minima costs 0.9; 10,000 evaluations are plenty for one valley. Near the
+    # minimum, y^2 + sin^2(pi y) = 98 (x - centre)^2.
     assert worst_of_most([end.cost for end in ends]) < 1e-2
     assert worst_of_most([np.max(np.abs(end.point - CENTRE[:3])) for end in ends]) < 0.011
 
 
 @pytest.mark.parametrize("d", [1, 3, 20])
 def test_points_are_within_the_box_in_any_dimension(name, d):
-    """With the minimum in a corner far outside, so that the box is all that holds them."""
+    """The minimum is in a corner far outside, so that only the box limits the points."""
 
     def outside(x):
         return x + np.where(np.arange(d) % 2, 3.0, -4.0)
@@ -125,7 +125,7 @@ def test_minimum_in_a_corner_is_found(name):
     if name in IMPRECISE:
         assert worst_of_most([end.cost for end in ends]) < best_of_random(outside)
     else:
-        # The walls stop the search: exactly, or up to what a difference step or a wolf leaves.
+        # The bounds stop the search exactly, or up to a difference step or the step of a wolf.
         assert worst_of_most([np.max(np.abs(end.point - corner)) for end in ends]) < 1e-3
 
 
@@ -146,14 +146,14 @@ def test_same_seed_makes_the_same_run_and_global_random_state_is_not_touched(nam
 
 
 def test_first_point_asked_is_the_start(name):
-    """So no run ends worse than it started."""
+    """Therefore no run ends with a higher cost than it started with."""
     assert np.array_equal(make(name, start=CENTRE).ask()[0], CENTRE)
     assert run(name, blind, start=CENTRE, termination=SHORT)[-1].cost == 0.0
 
 
 @pytest.mark.slow
 def test_region_without_cost_is_avoided(name):
-    """Not a number beyond a wall as close to the minimum as a difference step."""
+    """The cost is NaN beyond a wall as close to the minimum as a difference step."""
     beyond = 0.452
     centre = np.where(np.arange(D) == 0, 0.45, CENTRE)
 
@@ -174,5 +174,5 @@ def test_without_any_cost_the_run_ends_and_states_so(name):
 
 
 def test_constant_cost_is_tolerated(name):
-    """Nothing to climb, no curvature to divide by."""
+    """There is no direction to descend, and no curvature to divide by."""
     assert run(name, np.ones_like, termination=SHORT)[-1].cost == D

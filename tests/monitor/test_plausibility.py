@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples that no motor can give refuse a window: they are no departure, and nothing wears."""
+"""Samples that no motor can give refuse a window: they are neither a departure nor wear."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def test_impossible_sample_refuses_its_window(recorded, cycle, name, change, wor
 
 
 def test_position_that_wraps_refuses_its_window(recorded, cycle):
-    """Half of the samples: each crossing is a jump."""
+    """With half of the samples, each crossing is a jump."""
     telemetry = replace(recorded, position=recorded.position % (2.0 * np.pi))
     events = WindowTrigger(PARAMETERS).feed(telemetry)
     [refusal] = only(Refusal, events)
@@ -58,7 +58,7 @@ def test_position_that_wraps_refuses_its_window(recorded, cycle):
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
 def test_motion_of_a_noisy_actuator_at_its_limits_is_possible(period, noise):
-    """Full reversals between the stops, which the shaft hits."""
+    """The command has full reversals between the stops, which the shaft hits."""
     rng = np.random.default_rng(1)
     samples = np.tile(THESIS_CHIRP.sample(1e-4), 1)
     command = 30.0 * samples

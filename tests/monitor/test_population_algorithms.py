@@ -27,7 +27,7 @@ START = np.linspace(0.1, 0.9, 5)
 
 
 class Scripted:
-    """A source of numbers: along the first axis those told, in turns, all the same elsewhere."""
+    """A source of random numbers: scripted along the first axis, and constant otherwise."""
 
     def __init__(self, *numbers):
         self.numbers = numbers
@@ -42,7 +42,7 @@ def make(cls, start=START, seed=0, hints=Hints(), **settings):  # noqa: B008 - i
 
 
 def tell(optimizer, costs):
-    """Tell what the points asked for cost, and return them."""
+    """Report the costs of the requested points, and return the points."""
     points = optimizer.ask()
     costs = np.broadcast_to(np.asarray(costs, dtype=float), len(points)).copy()
     optimizer.tell(points, costs, np.sqrt(costs)[:, None])
@@ -56,7 +56,7 @@ def tell(optimizer, costs):
 def test_population_starts_all_over_the_box_and_has_a_least_size(name, fewest):
     points = make(ALGORITHMS[name], population=400).ask()
     assert points.shape == (400, 5)
-    # Of 399 uniform numbers; 0.5 is their mean, 1/12 their variance: five sigma and more.
+    # For 399 uniform numbers with mean 0.5 and variance 1/12: at least five sigma.
     assert np.mean(points[1:], axis=0) == pytest.approx(0.5, abs=0.08)
     assert np.var(points[1:], axis=0) == pytest.approx(1 / 12, abs=0.02)
     for d in (1, 3):
@@ -82,7 +82,7 @@ def test_selection_takes_better_ones_more_often_as_expected_rounded_up_or_down()
     )
     assert np.all(np.sum(counts, axis=1) == 85)
     assert np.all((counts == np.floor(expected)) | (counts == np.ceil(expected)))
-    # A coin's spread is 0.5 at most: four sigma of a mean of 2000.
+    # A coin has a standard deviation of at most 0.5: four sigma of a mean of 2000.
     assert np.mean(counts, axis=0) == pytest.approx(expected, abs=0.045)
 
 
@@ -116,7 +116,7 @@ def test_four_fifths_of_the_children_have_two_parents_and_the_others_are_mutants
     children = optimizer.ask()
     known = np.any(children[:, None] == population, axis=1)
     assert np.all(known[:38])
-    # A mutant that is cut is on a wall.
+    # A mutant that is clipped is on a bound.
     assert not np.any(known[38:])
     assert len(children) == 47
 
@@ -126,7 +126,7 @@ def test_mutants_are_a_step_away_in_all_directions(step):
     parents = np.full((2000, 3), 0.5)
     moves = mutated(parents, step, np.random.default_rng(5)) - parents
     assert np.linalg.norm(moves, axis=1) == pytest.approx(step, rel=1e-9)
-    # A component's variance is a third: five sigma of the mean of 2000.
+    # A component has a variance of a third: five sigma of the mean of 2000.
     assert np.mean(moves, axis=0) / step == pytest.approx(0.0, abs=0.065)
 
 
@@ -176,7 +176,7 @@ def test_leader_is_the_best_of_other_particles_drawn_again():
     tell(optimizer, np.arange(50.0)[::-1])
     draws = np.array([optimizer._leaders() for _ in range(400)])
     assert not np.any(draws == np.arange(50))
-    # The best one leads each other particle that has it among 12 of 49, four sigma.
+    # The best one leads each other particle that has it among 12 of 49; four sigma.
     assert np.mean(draws[:, :49] == 49) == pytest.approx(12 / 49, abs=0.0125)
     optimizer._neighbours = 49
     assert optimizer._leaders().tolist() == [49] * 49 + [48]
@@ -189,11 +189,11 @@ def test_particle_goes_by_inertia_own_best_and_leader():
     own = optimizer._best_x.copy()
     optimizer._rng = cast(Any, Scripted(0.25, 0.5))
     tell(optimizer, [9.0, 9.0, 9.0])
-    # With three particles all others are neighbours.
+    # With three particles, all others are neighbours.
     leader = own[[2, 2, 1]]
     v = 1.1 * v + 1.49 * 0.25 * (own - before) + 1.49 * 0.5 * (leader - before)
     moved = before + v
-    # A velocity ends at the walls, and only there.
+    # A velocity is set to zero at the bounds, and only there.
     inside = (moved >= 0.0) & (moved <= 1.0)
     assert 0.0 < np.mean(inside) < 1.0
     assert optimizer.ask() == pytest.approx(np.clip(moved, 0.0, 1.0), abs=1e-15)
@@ -221,7 +221,7 @@ def test_donor_is_the_best_plus_a_weighted_difference(cls, monkeypatch):
     x = optimizer.ask()
     one, other = np.array([1, 2, 3, 0]), np.array([2, 3, 0, 1])
     monkeypatch.setattr(optimizer, "_partners", lambda: (one, other))
-    # Differences of 0.3 at most about the middle stay inside.
+    # Differences of at most 0.3 around the middle stay inside.
     tell(optimizer, [1.0, 2.0, 3.0, 4.0])
     assert optimizer.ask() == pytest.approx(x[0] + 0.3 * (x[one] - x[other]), abs=1e-15)
 
@@ -271,7 +271,7 @@ def test_partners_of_the_thesis_may_coincide_and_the_donor_is_then_the_best(monk
     optimizer = make(ThesisDifferentialEvolution, CR=1.0)
     draws = np.array([optimizer._partners() for _ in range(400)])
     assert np.all(np.sort(draws, axis=2) == np.arange(50))
-    # Once in a permutation of 50, five sigma.
+    # Once in a permutation of 50; five sigma.
     assert np.mean(draws == np.arange(50)) == pytest.approx(1 / 50, abs=0.004)
     assert np.mean(draws[:, 0] == draws[:, 1]) == pytest.approx(1 / 50, abs=0.005)
     same = np.arange(50)
@@ -304,7 +304,7 @@ def test_wolves_are_at_the_mean_of_their_leaders_once_the_budget_is_spent(genera
 
 
 def test_thesis_ends_its_schedule_a_generation_earlier_and_at_a_third_of_alpha():
-    """Where a wolf has but one point, its beta and delta are still at zero."""
+    """After a single generation, beta and delta of a wolf are still at zero."""
     optimizer = make(ThesisGreyWolf, hints=Hints(budget=50))
     points = tell(optimizer, np.arange(50.0))
     assert optimizer.ask() == pytest.approx(points / 3.0, abs=1e-15)
@@ -325,7 +325,7 @@ def test_leaders_are_the_three_best_so_far_of_the_pack():
 def test_wolf_goes_to_the_mean_of_points_about_its_leaders():
     wolves = np.array([[0.4, 0.9]])
     leaders = np.array([[0.5, 0.1], [0.6, 0.2], [0.8, 0.3]])[:, None]
-    # a = 1, r_1 = 0.75 and r_2 = 0.25 make A = 0.5 and C = 0.5.
+    # a = 1, r_1 = 0.75 and r_2 = 0.25 give A = 0.5 and C = 0.5.
     first = (0.5 - 0.5 * 0.15) + (0.6 - 0.5 * 0.10) + (0.8 - 0.5 * 0.0)
     second = (0.1 - 0.5 * 0.85) + (0.2 - 0.5 * 0.80) + (0.3 - 0.5 * 0.75)
     assert second < 0.0
@@ -338,7 +338,7 @@ def test_wolf_of_the_thesis_has_leaders_of_its_own():
     assert not np.any(optimizer._leaders)
     tell(optimizer, np.inf)
     assert not np.any(optimizer._leaders)
-    # alpha; beta; beta; delta; alpha, the old one forgotten; as good as alpha: nothing; delta.
+    # alpha; beta; beta; delta; alpha, the old one is forgotten; equal to alpha: nothing; delta.
     reported = [tell(optimizer, cost)[0] for cost in (5.0, 7.0, 6.0, 9.0, 4.0, 4.0, 8.0, 8.5)]
     assert optimizer._leader_costs[:, 0].tolist() == [4.0, 6.0, 8.0]
     assert np.array_equal(optimizer._leaders[:, 0], [reported[4], reported[2], reported[6]])

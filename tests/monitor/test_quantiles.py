@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantiles that an estimate states."""
+"""Quantiles stated by an estimate."""
 
 from statistics import NormalDist
 
@@ -13,14 +13,14 @@ WIDTH = np.full(N_FAULTS, 0.01)
 
 
 def test_quantiles_of_one_explanation_are_normal():
-    """But for the 200 parts that a distribution is of: 0.3 % of sigma at 5 %."""
+    """The distribution is divided into 200 parts, which costs 0.3 % of sigma at 5 %."""
     quantiles = quantiles_of(np.ones(1), np.full((1, N_FAULTS), 0.5), WIDTH[None])
     expected = [NormalDist(0.5, 0.01).inv_cdf(level) for level in LEVELS]
     assert quantiles[:, 0] == pytest.approx(expected, abs=3e-5)
 
 
 def test_quantiles_of_two_explanations_have_their_probability():
-    """Each with two widths that are equally likely."""
+    """Each explanation has two equally likely widths."""
     weights, places = np.array([0.7, 0.3]), np.array([0.48, 0.51])
     quantiles = quantiles_of(
         weights, np.tile(places[:, None], N_FAULTS), np.stack([WIDTH, 3.0 * WIDTH])

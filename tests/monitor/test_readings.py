@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns that read wrongly: what they say of each other, and units that are named."""
+"""Wrong readings of columns: contradictions between columns, and named units."""
 
 import math
 import re
@@ -28,7 +28,7 @@ from ema_sim import simulate
 from .windows import changed, recorded, window_from
 
 PARAMETERS = ActuatorParameters()
-# What friction holds the shaft off its command by, at most.
+# The largest distance from its command at which friction holds the shaft.
 HELD = constants(PARAMETERS).mechanics.f_s / (PARAMETERS.GAP * PARAMETERS.G_prop)
 
 
@@ -52,7 +52,7 @@ def test_wrong_position_is_a_wrong_place_to_begin_at():
 
 @pytest.mark.slow
 def test_offset_within_what_friction_holds_is_no_fault(calibration, description):
-    """Too small to be named: the fit at the start is worse, and the faults are healthy."""
+    """It is too small to be named: the fit at the start is worse, but the faults are healthy."""
     estimate = identify(recorded({}, {"position_offset": 0.4 * HELD}), description, calibration)
     assert np.array_equal(estimate.faults, healthy_faults())
     assert estimate.causes == ()
@@ -62,7 +62,7 @@ def test_offset_within_what_friction_holds_is_no_fault(calibration, description)
 
 @pytest.mark.slow
 def test_slow_sine_does_not_separate_a_small_gain_from_a_delay(calibration, description):
-    """It is said, and the gain has no small standard deviation."""
+    """The estimate states this, and the sigma of the gain is not small."""
     sine = Command(shape="sine", amplitude=0.01, start_frequency=4.0, duration=0.55)
     estimate = identify(recorded({}, {}, sine), description, calibration)
     assert estimate.verdict == "degraded"
@@ -104,7 +104,7 @@ def test_nothing_is_stated_of_windows_at_rest_and_of_drives_with_another_law(hea
 
 
 def test_relations_are_judged_against_the_healthy_windows(healthy_windows, calibration):
-    """And say nothing where the calibration does not know what is healthy."""
+    """If the calibration lacks the healthy relations, nothing is stated."""
     window = healthy_windows[0]
     found = Relations.of(window, calibration)
     assert found.are_healthy
@@ -112,13 +112,13 @@ def test_relations_are_judged_against_the_healthy_windows(healthy_windows, calib
     assert found.residuals(columns()).shape == (1, 2)
     unknown = replace(calibration, travel_ratio=math.nan, law_offset=math.nan)
     assert Relations.of(window, unknown).residuals(columns()).shape == (1, 0)
-    # Both sensors wrong by as much agree on the travel.
+    # Two sensors with the same wrong factor agree on the travel.
     both = found.residuals(columns(position_gain=0.01, speed_gain=0.01))
     assert both[0, 0] == pytest.approx(found.residuals(columns())[0, 0])
 
 
 def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows, calibration):
-    """Ten sigma are ten sigma, beside a residual of noise or of a mismatch ten times larger."""
+    """Ten sigma count fully next to a residual of noise, or one ten times larger by mismatch."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     for factor in (1.0, 10.0):
@@ -129,7 +129,7 @@ def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows
         numbers = range(objective.dimension - len(causes), objective.dimension)
         evidence = Evidence(objective, list(numbers))
         at = objective.linearise(objective.healthy)
-        # Of a cause that hardly changes this window.
+        # A cause that hardly changes this window.
         [place] = [i for i, one in enumerate(causes) if one.name == "supply_voltage"]
         point = at.point.copy()
         point[numbers[place]] += 4.0 * causes[place].sigma / (2.0 * causes[place].reach)
@@ -141,7 +141,7 @@ def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows
 
 @pytest.mark.slow
 def test_readings_measured_next_to_healthy_windows_are_not_of_the_unit(description):
-    """A calibration under them knows the unit as one without them does."""
+    """A calibration with measured causes learns the same unit as one without."""
     known = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
     value = {name: one[0] for name, one in known.items()}
     plain, wrong = recorded({}, {}), recorded({}, value)
@@ -209,7 +209,7 @@ def test_late_position_changes_no_fault(telemetry):
     late = np.concatenate([np.full(50, telemetry.position[0]), telemetry.position[:-50]])
     [as_it_is] = find_windows(telemetry)
     [window] = find_windows(replace(telemetry, position=late))
-    # The search starts from the same samples, but for what the position tells of the travel.
+    # The search starts from the same samples, except for the travel seen by the position.
     assert identify(window).faults == pytest.approx(identify(as_it_is).faults, abs=1e-3)
 
 

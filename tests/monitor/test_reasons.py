@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons are values with a code: each has a sentence, and comes back from JSON."""
+"""Reasons are values with a code: each has a sentence, and is restored from JSON."""
 
 import json
 import math
@@ -46,7 +46,7 @@ _NAMES: dict[str, Any] = {
 
 
 def made(kind: type[Reason]) -> Reason:
-    """A reason with a value in each of its fields."""
+    """Return a reason with a value in each of its fields."""
     by_type = {float: 0.1 + 0.2, int: 3, bool: True, str: "speed"}
     own = [item for item in fields(kind) if item.name not in ("stretches", "of_stretches")]
     values: dict[str, Any] = {

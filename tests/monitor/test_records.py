@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A record is motion cut by the position alone, whatever the sensor and the blocks."""
+"""A record is motion cut only by the position, for any sensor and any blocks."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -30,7 +30,7 @@ def rest(seconds: float, h: float = H) -> NDArray[np.float64]:
 
 
 def sine(seconds: float, amplitude: float = 0.3, h: float = H) -> NDArray[np.float64]:
-    """Motion at 1 Hz, which begins and ends at the angle 0."""
+    """Return motion at 1 Hz, which begins and ends at the angle 0."""
     return amplitude * np.sin(2.0 * np.pi * h * np.arange(1.0, round(seconds / h) + 1.0))
 
 
@@ -60,7 +60,7 @@ def events_of(
 
 
 def spans(events: list[Segment | Defect]) -> list[tuple[int, int, int]]:
-    """First index, number of samples to the last, and first stamp; all are records."""
+    """Return first index, number of samples to the last, and first stamp of each record."""
     found = []
     for event in events:
         assert isinstance(event, Segment), event
@@ -71,12 +71,12 @@ def spans(events: list[Segment | Defect]) -> list[tuple[int, int, int]]:
 
 
 def seconds(events: list[Segment | Defect], h: float = H) -> list[tuple[float, float]]:
-    """Begin and end of each record [s]."""
+    """Return begin and end of each record [s]."""
     return [((first - 1) * h, (first - 1 + count) * h) for first, count, _ in spans(events)]
 
 
 def random_day(seed: int) -> NDArray[np.float64]:
-    """Minutes of moves, rests, noise and steps of an encoder."""
+    """Return minutes of moves, rests, noise and steps of an encoder."""
     random = np.random.default_rng(seed)
     pieces, at = [], 0.0
     for _ in range(60):
@@ -92,7 +92,7 @@ def random_day(seed: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_records_do_not_depend_on_the_sizes_of_blocks(seed: int):
-    """The same samples give the same records in one block, and in blocks of 1 to 700 samples."""
+    """The records are the same in one block as in blocks of 1 to 700 samples."""
     whole = telemetry(random_day(seed))
     settings = TriggerSettings(record_s=20.0)
     once = spans(events_of(whole, len(whole), settings))
@@ -115,7 +115,8 @@ def test_records_neither_overlap_nor_exceed_twice_their_length(seed: int):
 def test_file_of_25_s_with_short_rests_is_one_record(h: float):
     moves = np.concatenate([np.concatenate([sine(2.0, h=h), rest(3.0, h)]) for _ in range(5)])
     [(first, count, _)] = spans(events_of(telemetry(moves, h), 10))
-    # All but the last rest, of which 0.5 s remain; the end of the motion is known to 0.04 s.
+    # Everything except the last rest, of which 0.5 s remain; the end of the motion is known to 0.04
+    # s.
     assert first == 1
     assert count * h == pytest.approx(25.0 - 3.0 + 0.5, abs=0.1)
 
@@ -126,9 +127,9 @@ def test_rest_of_5_s_ends_a_record_at_once_and_half_a_second_of_rest_remains():
     for number in range(0, len(position), 10):
         if finder.feed(telemetry(position[number : number + 10], first_index=number + 1)):
             found.append((number + 10) * H)
-    # Bins of 0.04 s are followed 12 at a time.
+    # Bins of 0.04 s are processed 12 at a time.
     assert found == pytest.approx([19.0 + 0.3, 53.0 + 0.3], abs=0.35)
-    # Motion begins and ends within a bin, at the speed 0 of the sine's tip not at all.
+    # Motion begins and ends within a bin; at the turning points of the sine, its speed is 0.
     ends = seconds(events_of(telemetry(position)))
     assert ends == [pytest.approx(span, abs=0.1) for span in ((7.5, 14.5), (43.5, 48.5))]
 
@@ -136,7 +137,7 @@ def test_rest_of_5_s_ends_a_record_at_once_and_half_a_second_of_rest_remains():
 def test_long_motion_ends_at_the_first_rest_after_record_s():
     moves = np.concatenate([np.concatenate([sine(7.0), rest(1.0)]) for _ in range(20)])
     first, second, third = seconds(events_of(telemetry(moves)))
-    # The first rest after 60 s is from 63 s on, the next record's from 127 s on.
+    # The first rest after 60 s begins at 63 s, and that of the next record at 127 s.
     assert first == pytest.approx((0.0, 63.25), abs=0.1)
     assert second == pytest.approx((63.5, 127.25), abs=0.1)
     assert third == pytest.approx((127.5, 159.5), abs=0.1)
@@ -144,7 +145,7 @@ def test_long_motion_ends_at_the_first_rest_after_record_s():
 
 def test_motion_without_rest_ends_at_twice_record_s_and_loses_no_sample():
     found = spans(events_of(telemetry(sine(300.0))))
-    # 120 s, in whole bins of 4 samples; the first begins with a part of a bin.
+    # 120 s, in whole bins of 4 samples; the first begins within a bin.
     assert [count * H for _, count, _ in found] == pytest.approx([120.0, 120.0, 60.0], abs=0.09)
     assert sum(count for _, count, _ in found) == 30_000
     assert [first for first, _, _ in found][1:] == [first + count for first, count, _ in found[:-1]]
@@ -193,7 +194,7 @@ def test_rejected_block_and_changed_description_end_a_record():
     other = replace(UNKNOWN, serial_number="B-2")
     record, defect = finder.describe(other)
     assert isinstance(record, Segment)
-    # The record is of the unit that moved, not of the new one.
+    # The record belongs to the unit that moved, not to the new one.
     assert record.description == UNKNOWN
     assert spans([record])[0][:2] == (401, 400)
     finder.feed(whole.part(800, 1200))
@@ -203,7 +204,7 @@ def test_rejected_block_and_changed_description_end_a_record():
 
 
 def test_two_units_that_publish_in_turns_make_no_record():
-    """Samples whose index goes back and forth are of two publishers."""
+    """Samples whose index goes back and forth come from two publishers."""
     whole, finder = telemetry(sine(20.0)), WindowFinder(TriggerSettings(), UNKNOWN)
     events = list[Segment | Defect]()
     for start in range(0, 900, 10):
@@ -232,7 +233,7 @@ def test_noise_at_rest_is_no_motion(sigma: float, h: float):
     ideal = np.concatenate([rest(120.0, h), sine(8.0, h=h), rest(120.0, h)])
     position = ideal + sigma * np.random.default_rng(4).standard_normal(len(ideal))
     [span] = seconds(events_of(telemetry(position, h), round(1.0 / h)), h)
-    # At 25 Hz the threshold of 8 sigma is left after 0.04 s; margins are whole bins.
+    # At 25 Hz, the threshold of 8 sigma is left after 0.04 s; margins are whole bins.
     assert span == pytest.approx((119.5, 128.5), abs=0.2)
 
 
@@ -245,7 +246,7 @@ def test_slow_rotation_after_fast_rotation_is_motion():
 
 
 def test_small_motion_after_a_large_one_belongs_to_the_record():
-    """Strokes of 0.5 mrad for 20 s, 4 s after a move of 1 rad."""
+    """Strokes of 0.5 mrad for 20 s follow 4 s after a move of 1 rad."""
     move = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, 300))
     small = 1.0 + 0.00025 * sine(20.0, 1.0)
     position = np.concatenate([move, np.ones(400), small, np.ones(1000)])
@@ -261,7 +262,7 @@ def test_hours_of_rest_take_no_memory_and_make_no_record():
         block = telemetry(noise + drift, first_index=1 + 6000 * minute)
         for start in range(0, 6000, 100):
             assert trigger.feed(block.part(start, start + 100)) == []
-        # 0.5 s before the samples that are in no bin yet, in blocks of 1 s.
+        # 0.5 s before the samples that have no bin so far, in blocks of 1 s.
         assert trigger.kept_samples <= 300
     assert trigger.finish() == []
 
@@ -269,7 +270,7 @@ def test_hours_of_rest_take_no_memory_and_make_no_record():
 @pytest.mark.parametrize(("h", "longest_s"), [(1e-4, 20.0), (2e-3, 120.0)])
 @pytest.mark.parametrize("size", [1, 1000])
 def test_memory_is_bounded_at_any_rate_and_size_of_blocks(h: float, longest_s: float, size: int):
-    """At 10 kHz a record of motion without rest has 20 s, as at 500 Hz it has 120 s."""
+    """At 10 kHz, a record of motion without rest has 20 s; at 500 Hz, it has 120 s."""
     seconds_fed = 1.1 * longest_s
     if size == 1:
         h, seconds_fed, longest_s = h * 10.0, seconds_fed, min(120.0, 10.0 * longest_s)
@@ -281,7 +282,7 @@ def test_memory_is_bounded_at_any_rate_and_size_of_blocks(h: float, longest_s: f
         most, parts = max(most, trigger.kept_samples), max(parts, trigger._latest.parts)
     longest = min(MOST_RECORD_SAMPLES, round(120.0 / h))
     assert most <= longest + 13 * round(0.04 / h) + size
-    # Blocks of one sample are joined by 64.
+    # Blocks of one sample are joined in groups of 64.
     assert parts <= longest / max(size, 64) + 70
     for record in records:
         assert len(record.telemetry) * h == pytest.approx(longest_s, abs=0.08)
@@ -355,7 +356,7 @@ def test_telemetry_in_short_pieces_states_so():
 
 
 def chirps(count: int) -> Telemetry:
-    """Half-second test cycles of the simulated flap, one after another."""
+    """Return half-second test cycles of the simulated flap, one after another."""
     actuator = SimulatedActuator(sample_period=1e-3)
     cycle = build_cycle(THESIS_CHIRP, 1e-3).samples
     return actuator.advance(np.tile(cycle, count))
@@ -386,7 +387,7 @@ def test_stamps_that_contradict_the_sample_period_refuse_the_record():
 
 @pytest.mark.parametrize("size", [1, 7, 250])
 def test_record_is_stamped_by_the_block_that_it_begins_in(size: int):
-    """A clock that drifts by 100 ppm: a cut of joined blocks has the stamp of its own block."""
+    """The clock drifts by 100 ppm: a cut of joined blocks has the stamp of its own block."""
     position = np.concatenate([rest(20.0), sine(6.0), rest(8.0)])
     whole, finder = telemetry(position), WindowFinder(TriggerSettings(), UNKNOWN)
     events, blocks = list[Segment | Defect](), list[Telemetry]()
@@ -418,7 +419,7 @@ def test_record_is_found_wherever_the_running_index_is(first_index: int):
 
 
 def seized(seconds: float, angle: float = 0.1, h: float = H) -> Telemetry:
-    """Motion of a command, and the noise of an encoder that stands still."""
+    """Return motion of a command, and noise of an encoder that stands still."""
     n = round(seconds / h)
     counts = np.random.default_rng(3).integers(0, 2, n).astype(np.float64)
     return replace(telemetry(angle + QUANTUM * counts, h), command=sine(seconds, h=h))
@@ -509,7 +510,7 @@ def test_short_end_of_a_motion_is_the_remainder_of_its_records():
 
     motion = [part for _ in range(3) for part in (sine(6.0), rest(1.0))]
     assert remainders(np.concatenate([rest(3.0), *motion])) == [False, True]
-    # A short motion alone, or after a long rest, is a record of its own.
+    # A short motion alone, or after a long rest, is a separate record.
     assert remainders(np.concatenate([rest(3.0), sine(6.0)])) == [False]
     apart = np.concatenate([rest(3.0), *motion[:4], rest(9.0), sine(6.0)])
     assert remainders(apart) == [False, False]
@@ -517,7 +518,7 @@ def test_short_end_of_a_motion_is_the_remainder_of_its_records():
 
 
 def paused_work(pause_s: float, h: float = H) -> NDArray[np.float64]:
-    """Motions of 6 s at a small offset from each other, with noise, and pauses between them."""
+    """Return motions of 6 s at slightly different offsets, with noise, and pauses between them."""
     random = np.random.default_rng(3)
     parts = [part for _ in range(8) for part in (sine(6.0, h=h), rest(pause_s, h))]
     work = np.concatenate([rest(3.0, h), *parts])
@@ -525,7 +526,7 @@ def paused_work(pause_s: float, h: float = H) -> NDArray[np.float64]:
 
 
 def kept_in(window: Window, whole: Telemetry) -> NDArray[np.bool_]:
-    """Flags of the samples that a window keeps of telemetry whose running index begins at 1."""
+    """Return flags of the samples that a window keeps, for telemetry with first index 1."""
     kept = np.zeros(len(whole), dtype=bool)
     first = window.telemetry.first_index - 1
     kept[first : first + len(window.telemetry) + sum(map(len, window.omitted))] = True
@@ -551,7 +552,7 @@ def test_long_rests_are_left_out_of_a_record(sizes: int):
 
 
 def long_day(seed: int) -> NDArray[np.float64]:
-    """Moves, rests of up to 40 s and creep of up to 90 s, with noise and a slow oscillation."""
+    """Return moves, rests up to 40 s and creep up to 90 s, with noise and slow oscillation."""
     random = np.random.default_rng(seed)
     parts, base = [rest(3.0)], 0.0
     for kind in random.choice(["move", "rest", "creep"], random.integers(5, 40), p=[0.5, 0.3, 0.2]):
@@ -594,7 +595,7 @@ def test_records_with_long_rests_keep_the_right_samples_for_any_size_of_blocks(s
 
 
 def test_rests_of_a_record_take_little_memory():
-    """Of each rest, at most the joined blocks at its ends remain, 6.4 s each."""
+    """At most the joined blocks at the ends of each rest remain, 6.4 s each."""
     trigger = RecordTrigger(UNKNOWN.parameters, TriggerSettings(record_s=40.0, record_rest_s=600.0))
     whole = telemetry(paused_work(400.0))
     kept = []
@@ -627,7 +628,7 @@ def test_joint_that_seizes_in_a_pause_of_its_work_is_found_after_5_s(sizes: int)
 
 
 def test_position_that_creeps_at_rest_does_not_jump_where_the_rest_is_left_out():
-    """A joint that sinks by ten times the noise in each pause."""
+    """The joint sinks by ten times the noise in each pause."""
     pause = 2e-4 * np.sin(np.linspace(0.0, 0.5 * np.pi, round(120.0 / H)))
     parts = [
         part for number in range(6) for part in (sine(6.0) + number * 2e-4, pause + number * 2e-4)

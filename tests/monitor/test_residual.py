@@ -11,7 +11,7 @@ LENGTH = round(BAND_S / H)
 
 
 def centres(n_band: int):
-    """Times at the middle of the windows, each begun where the one before is half over."""
+    """Return times at the middle of windows, which overlap by half."""
     return H * (LENGTH / 2 * np.arange(n_band) + (LENGTH - 1) / 2)
 
 
@@ -27,12 +27,12 @@ def test_straight_line_stays():
 
 @pytest.mark.parametrize("frequency", [20.0, 500.0, 777.0, 1000.0, 3100.0])
 def test_sine_is_damped_as_a_hann_window_does(frequency):
-    """Its transform is three Dirichlet kernels: one, and two of half the size beside it."""
+    """The transform of the window is three Dirichlet kernels, two of them half as large."""
     wave = np.sin(2 * np.pi * frequency * H * np.arange(5000) + 0.3)
     values = band_limited(wave, H)
 
     def dirichlet(x):
-        # Offset against division by zero: its square is the error.
+        # The offset avoids division by zero: its square is the error.
         return np.sin(LENGTH * (x + 1e-9) / 2) / (LENGTH * np.sin((x + 1e-9) / 2))
 
     x, beside = 2 * np.pi * frequency * H, 2 * np.pi / LENGTH
@@ -74,7 +74,7 @@ def test_rows_are_taken_one_by_one():
 
 
 def test_samples_as_long_as_the_band_are_left_as_they_are():
-    """At 1 kHz neighbours are averaged; from 1.5 ms on a sample is itself the mean over a band."""
+    """At 1 kHz, neighbours are averaged; from 1.5 ms on, a sample is itself a mean over a band."""
     row = np.random.default_rng(0).normal(size=50)
     assert band_limited(row, 1e-3) == pytest.approx((row[:-1] + row[1:]) / 2, rel=1e-12)
     assert np.array_equal(band_limited(row, 2e-3), row)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults beside an error of a sensor: right within their sigma, or no estimate with the reason."""
+"""Faults next to a sensor error: right within their sigma, or refused with the reason."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,7 +27,7 @@ def recorded(faults: Mapping[str, float]):
 
 
 def estimated(faults: Mapping[str, float], column: str, error: str, value: float) -> Estimate:
-    """Estimate of a test with a gain, an offset over the largest value, or a delay [s]."""
+    """Return the estimate of a test with a gain, an offset relative to the peak, or a delay [s]."""
     telemetry = recorded(faults)
     values = getattr(telemetry, column)
     if error == "gain":
@@ -45,15 +45,15 @@ def estimated(faults: Mapping[str, float], column: str, error: str, value: float
 @pytest.mark.parametrize(
     ("faults", "column", "error", "value", "level"),
     [
-        # Taken for inertia or torque constant.
+        # Mistaken for inertia or torque constant.
         (RUBBING, "current", "gain", -0.22, WARN),
         ({"friction": 0.6}, "current", "gain", -0.21, ERROR),
         ({"eccentricity": 0.4, "friction": 0.05}, "current", "gain", 0.15, WARN),
         ({"eccentricity": 0.4, "friction": 0.05}, "current", "gain", 0.09, WARN),
-        # Taken for short circuits of all phases.
+        # Mistaken for short circuits of all phases.
         (SHORTED, "current", "gain", 0.15, ERROR),
         (SHORTED, "current", "gain", 0.24, ERROR),
-        # Taken for a load.
+        # Mistaken for a load.
         (LOOSE, "current", "offset", -0.2, ERROR),
         (LOOSE, "current", "offset", 0.3, ERROR),
         # Not explained.
@@ -62,7 +62,7 @@ def estimated(faults: Mapping[str, float], column: str, error: str, value: float
     ],
 )
 def test_faults_are_right_next_to_an_error_of_a_sensor(faults, column, error, value, level):
-    """Within 3 sigma, although the limit is 5."""
+    """The error is within 3 sigma, although the limit is 5."""
     estimate = estimated(faults, column, error, value)
     assert estimate.valid
     away = np.abs(np.delete(estimate.faults - fault_vector(dict(faults)), ECCENTRICITY_PHASE))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stretches of ordinary motion: where they begin and end, and what is none."""
+"""Stretches of ordinary motion: their begin and end, and motion that gives none."""
 
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ from .streams import blocks
 
 @pytest.fixture(scope="module")
 def motion() -> Telemetry:
-    """Five seconds of moves, with a play that is half a milliradian wide at the user shaft."""
+    """Return five seconds of moves, with a play of half a milliradian at the user shaft."""
     return moved(moves(5.0), backlash=0.5)
 
 
@@ -49,7 +49,7 @@ def test_stretches_do_not_depend_on_the_length_of_the_blocks(motion, stretches):
 def test_stretches_begin_where_the_motor_drives_the_shaft(motion, stretches):
     """There the motor is at the end of its play: half its width beyond the shaft."""
     half_width = FLAP.parameters.BLK * (1.0 + 99.0 * 0.5) / 2.0
-    # The simulation knows where the motor is; the telemetry only its speed.
+    # The simulation has the position of the motor, the telemetry only its speed.
     turned = H * np.cumsum(motion.speed)
     shaft = motion.position / FLAP.parameters.tau
     known = [one for one in stretches if one.play is not None]
@@ -62,7 +62,7 @@ def test_stretches_begin_where_the_motor_drives_the_shaft(motion, stretches):
 
 
 def test_rest_is_no_stretch_and_costs_none():
-    # The step to the first sample is motion; it is over after a rest.
+    # The step to the first sample is motion; it has ended after a rest.
     trigger, events = fed(moved(np.full(10_000, 0.003)))
     assert events == []
     assert trigger.has_rested

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work shared by threads: all of it, once, at the same time, and by whom."""
+"""Work shared by threads is done completely, once and concurrently."""
 
 import subprocess
 import sys

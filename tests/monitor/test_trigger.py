@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows are found where the command says; what is wrong with a stream does not outlast it."""
+"""Windows are detected by the command; a defect of a stream does not outlast its window."""
 
 import math
 import re
@@ -24,7 +24,7 @@ CHIRP = THESIS_CHIRP.sample(H)
 
 
 def last_at_rest(threshold):
-    """Sample of the cycle, from 0, before the chirp passes the threshold."""
+    """Return the sample of the cycle, from 0, before the chirp passes the threshold."""
     chirp = CYCLE.samples[CYCLE.start :]
     return CYCLE.start + int(np.argmax(np.abs(chirp) > threshold)) - 1
 
@@ -61,16 +61,16 @@ def test_windows_are_found_at_the_same_samples_regardless_of_the_blocks(size):
 
 
 def test_approach_is_passed_over():
-    """Its motion ends before a window is full; how long it took is remembered."""
+    """Its motion ends before a window is full; its duration is remembered."""
     trigger = WindowTrigger(PARAMETERS)
     assert trigger.feed(stream(CYCLE.samples[: CYCLE.start])) == []
-    # 0.4 s up from -2 mrad, found to some samples.
+    # 0.4 s up from -2 mrad, measured to some samples.
     assert trigger.longest_motion_s == pytest.approx(0.4, abs=2e-3)
     assert trigger.finish() == []
 
 
 def test_motion_one_way_is_passed_over_however_long():
-    """An approach longer than a window shows nothing of the faults that need a reversal."""
+    """An approach longer than a window does not show faults that need a reversal."""
     [window] = found(CYCLE.samples, TriggerSettings(window_s=0.3))
     assert window.telemetry.first_index > CYCLE.start
     slow = np.concatenate(
@@ -93,11 +93,11 @@ def test_window_begins_before_the_command_passes_the_threshold(threshold):
 
 @pytest.mark.parametrize(("rest", "windows"), [(0.0199, 0), (0.0202, 1)])
 def test_window_needs_rest_before(rest, windows):
-    """The motion of the wave before it ends in the first sample of the rest."""
+    """The motion of the previous wave ends in the first sample of the rest."""
     wave = 1e-3 * np.sin(2 * np.pi * 10 * H * np.arange(1, 2001))
-    # 1e-4 rad from the wave's end, so that the rest begins with a motion.
+    # 1e-4 rad from the end of the wave, so that the rest begins with a motion.
     command = np.concatenate([wave, np.full(round(rest / H), 1e-4), 1e-4 + CHIRP])
-    # The chirp's first samples are below the threshold and belong to the rest as well.
+    # The first samples of the chirp are below the threshold and belong to the rest as well.
     below = int(np.argmax(np.abs(CHIRP) > 1e-6))
     shorter = np.delete(command, np.arange(2000, 2000 + below))
     events = found(shorter, TriggerSettings(window_s=0.4))
@@ -113,7 +113,7 @@ def test_step_begins_in_the_sample_before_it():
 
 
 def approached(depth):
-    """Command that goes down by a depth and up again before the chirp."""
+    """Return a command that goes down by a depth and up again before the chirp."""
     approach = np.concatenate([np.linspace(0.0, -depth, 2000), np.linspace(-depth, 0.0, 2000)])
     return np.concatenate([REST, approach, REST, CHIRP, REST])
 
@@ -122,10 +122,10 @@ def approached(depth):
     ("command", "play"),
     [
         (np.concatenate([REST, CHIRP, REST]), None),
-        # The approach must cover the widest play and what friction holds.
+        # The approach must cover the widest play and the reach of friction.
         (approached(0.99 * approach_travel(PARAMETERS)), None),
         (approached(1.01 * approach_travel(PARAMETERS)), 1.0),
-        # A chirp that begins against the approach: samples below the threshold are no motion.
+        # A chirp that begins against the approach: samples below the threshold are not motion.
         (np.concatenate([CYCLE.samples[: CYCLE.start], -CYCLE.samples[CYCLE.start :]]), 1.0),
     ],
     ids=["no approach", "short", "long", "against"],
@@ -136,7 +136,7 @@ def test_place_in_the_play_is_known_after_an_approach(command, play):
 
 
 def test_jitter_of_the_command_does_not_move_the_start():
-    """Rounding, here of 1e-9 rad, against a threshold of 1e-6 rad."""
+    """Rounding of 1e-9 rad is far below the threshold of 1e-6 rad."""
     jitter = np.random.default_rng(0).uniform(-1e-9, 1e-9, 2 * N)
     starts = [w.telemetry.first_index for w in found(np.tile(CYCLE.samples, 2) + jitter)]
     assert starts == [1 + number * N + last_at_rest(1e-6) for number in range(2)]
@@ -151,7 +151,7 @@ def test_own_cycle_always_determines_where_in_its_play_the_motor_stands(changes)
 
 
 def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
-    """A clock half a percent fast is within tolerance, but not forgotten over the approach."""
+    """A clock fast by half a per cent is within tolerance, but matters over the approach."""
     drifting = [
         replace(block, stamp_ns=START_NS + round(1.005 * (block.stamp_ns - START_NS)))
         for block in blocks(stream(CYCLE.samples), 100)
@@ -169,8 +169,8 @@ def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
 STARTS = [number * N + 8014 for number in (0, 1)]
 """Running index of each window's first sample in two cycles counted from 1."""
 
-# Blocks of 100 samples: block 22 holds indices 2201 to 2300, in the hold before the first approach;
-# block 90 holds 9001 to 9100, in the first window.
+# Blocks of 100 samples: block 22 has indices 2201 to 2300, in the hold before the first approach;
+# block 90 has 9001 to 9100, in the first window.
 PLACES = {"at rest": 22, "in a window": 90}
 
 
@@ -201,14 +201,14 @@ def no_numbers(column, value):
 
 
 def index_goes_back(parts, number):
-    """A source that starts to count anew, with its time going on."""
+    """Return the parts with an index that restarts, while the time continues."""
     lost = 100 * number
     after = [replace(block, first_index=block.first_index - lost) for block in parts[number:]]
     return [*parts[:number], *after], f"the sample index went back from {lost} to 1", lost
 
 
 def clock_is_set_back(parts, number):
-    """By 2 s; from the first sample of the last block to that of this one, less 10 ms."""
+    """The clock is set back by 2 s, from the last sample of the previous block plus 10 ms on."""
     after = [replace(block, stamp_ns=block.stamp_ns - 2 * 10**9) for block in parts[number:]]
     reason = f"time ran backwards by 1.99 s at index {100 * number + 1}"
     return [*parts[:number], *after], reason, 0
@@ -226,7 +226,7 @@ def clock_is_set_back(parts, number):
     ],
 )
 def test_defect_is_named_and_does_not_outlast_its_window(two_cycles, place, defect):
-    """After it, every window is found whose approach comes after it."""
+    """All windows whose approach comes after the defect are detected."""
     parts, reason, lost = defect(two_cycles, PLACES[place])
     first, *others = feed(parts)
     [named] = only(Refusal, [first]) if place == "in a window" else only(Defect, [first])
@@ -255,7 +255,7 @@ def test_change_of_the_sample_period_is_named(two_cycles, place):
 
 @pytest.mark.parametrize(("share", "accepted"), [(1.005, True), (0.98, False), (1.05, False)])
 def test_stamps_at_another_rate_are_named(two_cycles, share, accepted):
-    """They show over a window; 1 % is left to clocks that differ."""
+    """The deviation is detected over a window; 1 % is tolerated for differing clocks."""
     events = feed(
         replace(block, stamp_ns=START_NS + round((block.stamp_ns - START_NS) * share))
         for block in two_cycles
@@ -278,7 +278,7 @@ def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
 
 
 def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
-    """What only the receiver knows, as that another source took over."""
+    """Only the receiver knows of the interruption, for example by a different source."""
     trigger = WindowTrigger(PARAMETERS)
     feed(two_cycles[:22], trigger)
     assert trigger.interrupt(stamp(2200), "why") == Defect(stamp(2200), "why")
@@ -291,9 +291,9 @@ def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
 @pytest.mark.parametrize(
     ("lost", "plays"),
     [
-        # Indices 8001 to 8100, with the start at 8014: in the chirp there is no rest to start from.
+        # Indices 8001 to 8100, with the start at 8014: the chirp has no rest to start from.
         (80, [1.0]),
-        # 7501 to 7600, between approach and chirp: the motor may have moved meanwhile.
+        # 7501 to 7600, between approach and chirp: the motor may have moved in the meantime.
         (75, [None, 1.0]),
     ],
 )
@@ -309,7 +309,7 @@ def test_rest_and_approach_before_a_defect_do_not_count(two_cycles, lost, plays)
     ("value", "expected"), [(math.nan, "finite numbers"), (1e300, "numbers below 1e[+]30")]
 )
 def test_samples_of_no_use_are_named_at_any_index(value: float, expected: str):
-    """An index of 64 bits plus one of numpy is beyond what numpy adds."""
+    """An index of 64 bits plus one exceeds the integers of numpy."""
     columns = np.zeros((4, 100))
     columns[3, 7] = value
     block = Telemetry(10**9, 1e-4, 2**64 - 200, *columns)

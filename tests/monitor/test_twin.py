@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Both forms of the monitor model and their plain-Python twin are the same model."""
+"""Both forms of the monitor model equal their plain-Python twin."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from ..sim.reference_twin import MULTIPLE
 from .monitor_twin import MonitorTwin
 from .windows import window_from
 
-# Both round by some 1e-13 A and 1e-11 rad/s; a comparison that falls the other way moves 1e-4 A.
+# Both round by about 1e-13 A and 1e-11 rad/s; a comparison with a different result changes 1e-4 A.
 TOLERANCE = 1e-9
 SPEED_TOLERANCE = 1e-7
 LIFT = {"fast": {"lift": 0.3}, "source": {}}
@@ -45,7 +45,7 @@ def at_torque_limit(twin: MonitorTwin) -> bool:
 
 
 class Case(NamedTuple):
-    """Faults, deviations, what must happen for the case to mean something, start and parameters."""
+    """Faults, deviations, an event that must occur in a valid case, start and parameters."""
 
     faults: Mapping[str, float] = {}
     deviations: Mapping[str, float] = {}
@@ -119,7 +119,7 @@ CASES = {
     "all_deviations": Case({}, UNIT),
     "all_and_faults": Case(MULTIPLE, UNIT, moves_inside_its_play, {"play": 0.3}),
 }
-# The fast form's 100 ms hold a growing oscillation, the source form's 5 ms one that is as fast.
+# The 100 ms of the fast form include a growing oscillation, the 5 ms of the source form a fast one.
 FORMS = {"fast": (2e-5, 1e-4, 30.0), "source": (1e-6, 5e-5, 400.0)}
 
 
@@ -143,12 +143,12 @@ def unit(form, deviations=None) -> Deviations:
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_equals_twin(case, form):
-    """Whether the unit is said to deviate or an individual of it."""
+    """The deviations are those of the unit, or of an individual."""
     faults, deviations, happens, start, parameters = CASES[case]
     dt, period, frequency = FORMS[form]
     steps = round(period / dt)
     t = period * np.arange(STEPS // steps + 1)
-    # Small at first, so that nothing is saturated, then large enough to saturate everything.
+    # Small at first, so that nothing saturates, then large enough to saturate everything.
     amplitude = np.where(t < 0.4 * t[-1], 1.5e-4, 0.02)
     command = start.get("position", 0.0) + amplitude * np.sin(2 * np.pi * frequency * t)
     actuator = ActuatorParameters().replace(parameters)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a window determines the faults, and which of them differ from healthy."""
+"""Uncertainty of the faults in a window, and significance of their differences from healthy."""
 
 import numpy as np
 import pytest
@@ -37,25 +37,25 @@ def jacobian():
 
 @pytest.mark.parametrize("lags", [0, 3])
 def test_covariance_is_that_of_newey_and_west(jacobian, lags):
-    """P S P' with the pseudoinverse P and, in S, products of near residuals by Bartlett's weights.
+    """P S P' with the pseudoinverse P; S has products of near residuals with Bartlett's weights.
 
-    Without lags it is White's covariance.
+    Without lags, it is White's covariance.
     """
     residuals = np.random.default_rng(6).normal(size=N) * np.linspace(0.5, 2.0, N)
     apart = np.abs(np.subtract.outer(np.arange(N), np.arange(N)))
     weights = np.maximum(1.0 - apart / (lags + 1.0), 0.0)
     inverse = np.linalg.pinv(jacobian)
     expected = inverse @ (weights * np.outer(residuals, residuals)) @ inverse.T
-    # The ridge is 1e-9 of the largest of the normal matrix, 1e-7 of its smallest.
+    # The ridge is 1e-9 of the largest eigenvalue of the normal matrix, 1e-7 of its smallest.
     assert sandwich_covariance(jacobian, residuals, lags) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("rho", "tolerance"), [(0.0, 0.15), (0.8, 0.25)])
 def test_covariance_is_what_experiments_scatter(rho, tolerance):
-    """1000 experiments leave 4.5 % of scatter in a variance.
+    """1000 experiments determine a variance to 4.5 %.
 
-    The residuals have lost three of the 98 stretches of 51 samples, which makes it up to 6 % too
-    small; of correlated noise Bartlett's weights miss 2 rho / (1 - rho^2) / 51 = 9 % more.
+    The residuals have lost three of the 98 stretches of 51 samples, which lowers it by up to 6 %.
+    For correlated noise, Bartlett's weights miss another 2 rho / (1 - rho^2) / 51 = 9 %.
     """
     jacobian = derivatives(5000)
     noise = np.random.default_rng(11).normal(size=(5000, 1000))
@@ -74,7 +74,7 @@ def test_covariance_is_what_experiments_scatter(rho, tolerance):
 
 
 def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
-    """A component without trace, and two that leave the same trace."""
+    """One component has no effect, and two others have the same effect."""
     residuals = 0.1 * np.random.default_rng(3).normal(size=N)
     alone = sandwich_covariance(jacobian, residuals, 5)
     blind = np.column_stack([jacobian, np.zeros(N)])
@@ -92,7 +92,7 @@ def uncertainty(values, sigma=0.01, plane=None):
     covariance = np.eye(8) * sigma**2
     if plane is not None:
         covariance[np.ix_(PLANE, PLANE)] = plane
-    # Covariance from the residuals that gives this covariance with the mismatch of the model.
+    # Residuals and mismatch of the model together give this covariance.
     stated = (covariance - np.diag(MISMATCH_SIGMA**2)) / MISMATCH_FACTOR**2
     return uncertainty_of_faults(fault_vector(values), stated)
 
@@ -107,7 +107,7 @@ def test_eccentricity_and_phase_scatter_as_drawn_in_the_plane(phase):
     x, y = np.random.default_rng(4).multivariate_normal(centre, plane, 100_000).T
     turned = (np.arctan2(y, x) - phi + np.pi) % (2 * np.pi) - np.pi
     scattered = np.cov(np.hypot(x, y), turned / (2 * np.pi))
-    # 0.5 % of scatter, and what bends over 3 % of the radius.
+    # 0.5 % of scatter, and the curvature over 3 % of the radius.
     scale = np.sqrt(np.outer(np.diag(scattered), np.diag(scattered)))
     stated = result.covariance[np.ix_(PLANE, PLANE)]
     assert stated / scale == pytest.approx(scattered / scale, abs=0.03)
@@ -174,16 +174,16 @@ def test_a_poor_fit_widens_the_covariance_of_the_residuals(goodness, factor):
     assert widening(goodness) == pytest.approx(factor, rel=1e-12)
 
 
-# Of linear models with a known covariance.
+# For linear models with a known covariance.
 SAMPLES, SIGMA, FLOOR = 4000, 0.01, 0.01
-# Standard deviation of a component, the mismatch of the model included.
+# Standard deviation of a component, including the mismatch of the model.
 WIDENED = np.hypot(MISMATCH_FACTOR * SIGMA, FLOOR)
 HEALTHY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5])
 
 
 @pytest.fixture(params=[8, 9])
 def model(request):
-    """Healthy point, noise and derivatives of a model that knows each component to `SIGMA`.
+    """Return healthy point, noise and derivatives of a model with sigma `SIGMA` in each component.
 
     The columns are orthogonal to each other and to the noise, whose entries are plus or minus one:
     the covariance from its residuals is `SIGMA` squared on the diagonal to the last digits.
@@ -220,7 +220,7 @@ def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
     assert kept == {0, 3, 7}
     expected = model[0].copy()
     expected[[0, 3, 7]] += np.array([5.0, 5.0, -5.0]) * WIDENED
-    # Orthogonal: the others do not move when one is put back.
+    # Orthogonal: resetting one component does not change the others.
     assert point == pytest.approx(expected, abs=1e-7)
     assert len(result) == len(point) == len(model[0])
 
@@ -228,7 +228,7 @@ def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
 @pytest.mark.parametrize("component", [0, 3, 7])
 def test_limit_of_one_component_is_that_of_significance(model, component, share, stays):
-    """In standard deviations with the floor of the mismatch, as they are reported."""
+    """The limit is in standard deviations with the floor of the mismatch, as reported."""
     kept, _, _ = shown(model, {component: share * SIGNIFICANT_SIGMAS[component]})
     assert kept == ({component} if stays else set())
 
@@ -268,7 +268,7 @@ def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
     """Elimination is stepwise: neither is significant alone, but both together are."""
     healthy, noise, jacobian = model
     alike = jacobian.copy()
-    # Correlated by 0.995: their difference is known ten times worse than their sum.
+    # With a correlation of 0.995, the difference is ten times less certain than the sum.
     alike[:, 1] = 0.995 * jacobian[:, 0] + np.sqrt(1 - 0.995**2) * jacobian[:, 1]
     kept, _, point = shown((healthy, noise, alike), {0: 4.0, 1: 3.0})
     assert kept == {0}

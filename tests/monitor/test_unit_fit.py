@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fit of a unit to its healthy windows, of one command or several."""
+"""Fit of a unit to its healthy windows, with one command or several."""
 
 from dataclasses import replace
 
@@ -22,10 +22,10 @@ H = 1e-4
 T = H * np.arange(5001)
 CHIRP = np.concatenate([[0.0], THESIS_CHIRP.sample(H)])
 SINE = 5e-3 * np.sin(2 * np.pi * 7.0 * T)
-# A ramp there and back with dwells, at a tenth of the highest speed.
+# A ramp back and forth with dwells, at a tenth of the highest speed.
 RAMP = np.interp(T, [0.0, 0.05, 0.2, 0.25, 0.4, 0.5], [0.0, 0.0, 0.03, 0.03, 0.0, 0.0])
 
-# Some two sigma of what may be expected of a unit each.
+# Each about two sigma of the expected deviation of a unit.
 UNITS = {
     "load_torque": 0.01,
     "viscous_friction": 0.8,
@@ -55,13 +55,13 @@ def moved_by(model, command, noise: ArrayLike = 0.0):
 
 
 def made_by(unit, command, sigma=0.01, seed=0):
-    """Window of a unit under a command, with noise of the current."""
+    """Return the window of a unit under a command, with noise of the current."""
     noise = np.random.default_rng(seed).normal(0.0, sigma, len(command) - 1)
     return moved_by(MonitorModel(PARAMETERS, unit=unit), command, noise)
 
 
 def missed(calibration, window):
-    """What the calibrated healthy model misses of current and speed."""
+    """Return the errors of the calibrated healthy model in current and speed."""
     response = calibration.model().respond(window, healthy_faults(), window.play or 0.0)
     expected = calibration.expect(response, window)
     return np.stack(
@@ -84,9 +84,9 @@ def of_several(description):
 
 @pytest.mark.parametrize("name", UNITS)
 def test_deviation_of_a_unit_is_found(description, name):
-    """Within its reported sigma, on windows of three commands.
+    """Its error is within the reported sigma, with windows of three commands.
 
-    If it is not worth fitting, sigma includes the omitted deviation and the prior.
+    If a deviation is not worth fitting, sigma includes the omitted deviation and the prior.
     """
     unit = Deviations(lift=0.125, **{name: UNITS[name]})
     windows = [made_by(unit, command) for command in (CHIRP, SINE, RAMP)]
@@ -116,7 +116,7 @@ def test_several_commands_make_one_unit(of_several):
 
 
 def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
-    """A ramp goes further, and at constant speed."""
+    """A ramp travels further, and at constant speed."""
     _, windows, calibration = of_several
     chirp_alone = calibrate_model(windows[:2], description)
     for name in ("load_stiffness", "speed_gain"):
@@ -135,7 +135,7 @@ def test_deviation_that_the_windows_do_not_show_keeps_its_prior(description):
 
 
 def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
-    """Of another actuator, whose friction is three times as high."""
+    """The description belongs to another actuator, whose friction is three times as high."""
     window = moved_by(MonitorModel(PARAMETERS.replace({"f_sm": 3.0 * PARAMETERS.f_sm})), CHIRP)
     with pytest.raises(ValueError, match="drives friction of the unit to its bound 1: ") as error:
         calibrate_model([window], description)
@@ -147,7 +147,7 @@ def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
 
 @pytest.mark.parametrize(("name", "scale"), [("J_m", 5.0), ("f_sm", 7.0)])
 def test_description_of_another_actuator_is_refused(description, name, scale):
-    """Before anything is fitted, where the current is beyond what a unit deviates by."""
+    """It is refused before any fit if the current exceeds what units deviate by."""
     p = PARAMETERS.replace({name: scale * getattr(PARAMETERS, name)})
     with pytest.raises(
         ValueError, match=r"current is [12]\.\d+ times what the model expects: is its unit, or"
@@ -156,7 +156,7 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
 
 
 def test_example_values_that_were_left_in_a_description_are_named(description):
-    """Of a motor ten times as strong only the torque constant was described, and the limits."""
+    """Only torque constant, inertia and limits of the actual motor were entered."""
     p = PARAMETERS
     strong = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
     window = made_by(Deviations(), CHIRP)
@@ -210,8 +210,8 @@ def test_structure_of_the_reference_actuator_is_nominal(calibration):
     assert 1 + calibration.unit.inertia == pytest.approx(1.0, abs=0.01)
 
 
-# In the last one the drive has another torque constant in its scale, too, which changes the gain of
-# the loop.
+# In the last case, the drive also has another torque constant in its scale, which changes the gain
+# of the loop.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "scales",
@@ -246,7 +246,7 @@ def test_unit_off_its_data_sheet_shows_friction_and_inertia_over_torque_constant
         ratio = sum(getattr(plant, n) for n in names) / sum(getattr(PARAMETERS, n) for n in names)
         return ratio / scales["k_e"]
 
-    # 0.4 % are wrong on a nominal actuator; 5 % of loop gain or viscous friction add the rest.
+    # A nominal actuator has errors of 0.4 %; 5 % of loop gain or viscous friction add the rest.
     friction, inertia = over_torque_constant("f_sm", "f_su"), over_torque_constant("J_m", "J_u")
     assert 1 + calibration.unit.friction == pytest.approx(friction, rel=0.015)
     assert 1 + calibration.unit.inertia == pytest.approx(inertia, rel=0.015)
@@ -256,7 +256,7 @@ def test_unit_off_its_data_sheet_shows_friction_and_inertia_over_torque_constant
 def test_model_can_be_calibrated_by_corrections_alone(
     healthy_windows, description, calibration, form, structural
 ):
-    """As in the thesis; what the fit explains by lift and friction is left to the corrections."""
+    """As in the thesis, the corrections replace the fit by lift and friction."""
     window = healthy_windows[0]
     added = calibrate_model([window], description, form, structural=structural)
     assert added.unit == Deviations()
@@ -270,15 +270,15 @@ def test_healthy_rms_is_that_of_another_window(description, windows):
     noisy = [made_by(Deviations(lift=0.13), CHIRP, sigma, seed) for seed in range(windows)]
     calibration = calibrate_model(noisy, description)
     alone = rms(band_limited(np.random.default_rng(99).normal(0.0, sigma, 200_000), H))
-    # A further window also differs by the remaining noise in the mean of n windows.
-    # Some 5000 / 15 independent values a window: 4 % for two windows, one of them independent.
+    # A further window also differs by the remaining noise in the mean of n windows. A window has
+    # about 5000 / 15 independent values: 4 % for two windows, one of which is independent.
     assert calibration.healthy_rms == pytest.approx(alone * np.sqrt(1.0 + 1.0 / windows), rel=0.12)
     # The speed is the speed of the model, always the same.
     assert np.isnan(calibration.healthy_speed_rms)
 
 
 def test_model_starts_at_the_position_in_the_play_of_the_window(healthy_windows, description):
-    """Without that knowledge it is centred in its play."""
+    """If the position is unknown, the model starts at the centre of its play."""
     window = healthy_windows[0]
     unknown = calibrate_model([replace(window, play=None)], description)
     centred = calibrate_model([replace(window, play=0.0)], description)
@@ -288,7 +288,7 @@ def test_model_starts_at_the_position_in_the_play_of_the_window(healthy_windows,
 
 @pytest.mark.parametrize("period", [1.25e-4, 2.5e-4, 1e-5])
 def test_step_divides_the_sample_period(description, period):
-    """8 kHz is no multiple of the form's 20 us; the longest step below it that fits is taken."""
+    """8 kHz is no multiple of the form's 20 us; the longest fitting step below is used."""
     steps = np.ceil(period / FORMS["fast"] - 1e-6)
     command = 2e-3 * (1.0 - np.abs(np.linspace(-1.0, 1.0, 40)))
     window = changed(window_from(command, sample_period=period), position=command)

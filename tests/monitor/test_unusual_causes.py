@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No OK where an unusual cause may hide a fault: on simulated windows, and in closed form."""
+"""No OK if an unusual cause may hide a fault: on simulated windows, and in closed form."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,7 +27,7 @@ def judged(
     causes: Mapping[str, float] | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Health:
-    """Health by one simulated test cycle."""
+    """Return the health after one simulated test cycle."""
     telemetry = simulate(dict(faults), seed=5, current_noise=0.02, causes=dict(causes or {}))
     [window] = find_windows(telemetry)
     estimate = identify(window, measured=measured)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows wait in order; where too many wait, the oldest is dropped and its refusal published."""
+"""Windows wait in order; if the queue is full, the oldest is dropped and its refusal published."""
 
 import sys
 import threading
@@ -46,7 +46,7 @@ def test_any_number_waits_in_order_when_there_is_no_limit():
 
 @pytest.mark.parametrize("lowered", [False, True])
 def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place(lowered):
-    """A limit that is lowered holds from the next window on."""
+    """A lowered limit applies from the next window on."""
     queue = WindowQueue()
     gone = [queue.add(found(n), None if lowered and n < 4 else 2) for n in range(5)]
     expected = [[], [], [], [], [0, 1, 2]] if lowered else [[], [], [0], [1], [2]]
@@ -63,7 +63,7 @@ def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place(lowered):
 
 
 def test_stretches_of_motion_never_drop_a_test():
-    """Tests wait when the monitor is set to ordinary motion: a burst of it is no reason."""
+    """Tests wait when the monitor is switched to ordinary motion, and many stretches follow."""
     queue = WindowQueue()
     for number in range(2):
         queue.add(found(number), 2)
@@ -158,7 +158,7 @@ def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
         served.append(segment.description.actuator_id)
     assert [served.count(name) for name in ("busy", *quiet)] == [25] * 4
     assert all(queue.dropped[name] == 0 for name in quiet)
-    # Two wait, and one may be taken from its place.
+    # Two wait, and one may already have been taken.
     assert queue.dropped["busy"] == 1000 - 25 - 2
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows made by hand, without an actuator."""
+"""Synthetic windows, without an actuator."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -31,7 +31,7 @@ def window_from(
     sample_period: float = 1e-4,
     play: float | None = 0.0,
 ) -> Window:
-    """Window with a command, `(n + 1,)` including that at the start, and an initial state."""
+    """Return a window with a command, `(n + 1,)` with the value at the start, and initial state."""
     command = np.array(command, dtype=float)
     columns = (
         np.array(np.broadcast_to(np.asarray(column, dtype=float), command.shape))
@@ -44,7 +44,7 @@ Made = TypeVar("Made")
 
 
 def once(make: Callable[..., Made]) -> Callable[..., Made]:
-    """Return a function that makes what it returns once; arguments are compared in words."""
+    """Return a function that caches its results by the text of its arguments."""
     made: dict[str, Made] = {}
 
     def get(*arguments: Any) -> Made:
@@ -60,17 +60,17 @@ def once(make: Callable[..., Made]) -> Callable[..., Made]:
 def recorded(
     faults: Mapping[str, float], causes: Mapping[str, float], command: Command = THESIS_CHIRP
 ) -> Window:
-    """Window of the simulated actuator with faults and hidden causes; each is made once."""
+    """Return a window of the simulated actuator with faults and hidden causes, cached."""
     return find_windows(simulate(faults, causes=causes, command=command, seed=3))[0]
 
 
 def changed(window: Window, **columns) -> Window:
-    """Window with other columns of telemetry."""
+    """Return a window with other columns of telemetry."""
     return replace(window, telemetry=replace(window.telemetry, **columns))
 
 
 def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
-    """Window with another current and speed behind the start, `(n,)` each [A, rad/s]."""
+    """Return a window with another current and speed after the start, `(n,)` each [A, rad/s]."""
     start = window.telemetry
     return changed(
         window, current=np.append(start.current[0], current), speed=np.append(start.speed[0], speed)
@@ -78,7 +78,7 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
 
 
 def refused(reason: str) -> Estimate:
-    """Estimate of a window in which no faults can be identified."""
+    """Return the estimate of a window in which no faults can be identified."""
     return refusal(Refusal(0, 1, reason), "", SearchSettings(), WindowUnusable(reason))
 
 
@@ -89,7 +89,7 @@ def estimated(
     unknown: Collection[str] = (),
     **values: Any,
 ) -> Estimate:
-    """Estimate of faults that are all known alike, but for those that are unknown."""
+    """Return an estimate of faults that all have the same sigma, except for the unknown ones."""
     unobservable = np.array([name in unknown for name in FAULT_NAMES])
     covariance = sigma**2 * np.eye(N_FAULTS)
     covariance[unobservable] = covariance[:, unobservable] = np.nan
@@ -112,14 +112,14 @@ def fitness_for(name: str, window: Window, calibration: Calibration) -> LeastSqu
 def made_by(
     calibration: Calibration, window: Window, faults: Mapping[str, float], play: float = 1.0
 ) -> Window:
-    """Window with what the calibrated model answers with faults, at a place in its play."""
+    """Return a window with the response of the calibrated model to faults, at a play position."""
     response = calibration.model().respond(window, fault_vector(dict(faults)), play)
     [current], [speed] = calibration.expect(response, window)
     return answered(window, current, speed)
 
 
 def shortened(calibration: Calibration, samples: int = 50) -> Calibration:
-    """Calibration with the first of its many samples, which take long to read and write."""
+    """Return the calibration with only its first samples, which are faster to read and write."""
     return replace(
         calibration,
         command=calibration.command[: samples + 1],
