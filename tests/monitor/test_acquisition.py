@@ -67,7 +67,7 @@ def unit(way: str) -> Unit:
     # hardly visible.
     [("500 Hz", 2), ("filtered", 2), ("instantaneous", 4), ("no speed", 2.5), ("no current", 12)],
 )
-def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: float):
+def test_faults_are_identified_or_their_uncertainty_is_reported(way: str, largest: float):
     estimate, truth = unit(way).estimate, fault_vector(FAULTS)
     assert estimate.valid
     assert estimation_error(estimate.faults, truth) < largest
@@ -77,7 +77,7 @@ def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: floa
 
 
 @pytest.mark.slow
-def test_without_current_shorts_are_less_well_known_and_it_is_stated():
+def test_without_current_short_circuits_are_less_certain_and_this_is_reported():
     reported, full = unit("no current").estimate, unit("filtered").estimate
     assert "the current is not measured" in reported.reason
     assert "not measured" not in full.reason
@@ -94,7 +94,7 @@ def test_without_current_shorts_are_less_well_known_and_it_is_stated():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["no speed", "no current"])
-def test_pictures_and_messages_bear_a_missing_column(way: str):
+def test_pictures_and_messages_tolerate_a_missing_column(way: str):
     _, calibration, window, estimate = unit(way)
     fit = window_fit(window, estimate, calibration)
     assert len(fit.current) == (0 if way == "no current" else len(fit.estimated_current))
@@ -121,7 +121,7 @@ def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
         calibrate_model([blind], description)
 
 
-def test_filtered_current_is_the_filter_of_the_current():
+def test_filtered_current_equals_the_filter_applied_to_the_current():
     """The closed form of the filter is applied to means over 20 us, the step of the model."""
     command = 3e-3 * np.sin(90.0 * 2e-5 * np.arange(5001))
     fine = window_from(command, sample_period=2e-5)
@@ -143,7 +143,7 @@ def test_filtered_current_is_the_filter_of_the_current():
     np.testing.assert_allclose(last, steps[49::50], atol=0.02 * np.max(np.abs(steps)))
 
 
-def test_speed_by_position_is_that_of_the_shaft_behind_the_play():
+def test_speed_from_position_is_that_of_the_shaft_after_the_play():
     """The mean speeds of the model over samples add up to its travel, including the play."""
     command = 3e-3 * np.sin(60.0 * 1e-3 * np.arange(201))
     parameters = ActuatorParameters()
@@ -159,7 +159,7 @@ def test_speed_by_position_is_that_of_the_shaft_behind_the_play():
     assert np.any((by_shaft == 0.0) & (np.abs(of_motor) > 10.0))
 
 
-def test_a_column_that_goes_missing_ends_the_window():
+def test_missing_column_ends_the_window():
     description = ActuatorDescription(sample_period=1e-3)
     finder = WindowFinder(TriggerSettings(), description)
     whole = simulate(description=description)
@@ -169,7 +169,7 @@ def test_a_column_that_goes_missing_ends_the_window():
     assert defect.reason == "no speed measured from index 51 on, all columns before"
 
 
-def test_play_is_known_where_the_shaft_moves_although_the_speed_is_not_measured():
+def test_position_in_the_play_is_known_where_the_shaft_moves_without_measured_speed():
     description = ActuatorDescription(sample_period=1e-3, acquisition=Acquisition(speed=False))
     settings = TriggerSettings(windows="any_motion")
     first, *_ = find_windows(simulate(description=description), description, settings)

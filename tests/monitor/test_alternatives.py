@@ -11,7 +11,7 @@ def estimate(*alternatives: Alternative) -> Estimate:
     return Estimate(0, 1, "a", 0, "c", alternatives=alternatives)
 
 
-def test_fault_is_not_confused_with_what_a_cause_of_a_similar_name_is_confused_with():
+def test_fault_does_not_get_the_confusions_of_a_cause_with_a_similar_name():
     result = estimate(
         Alternative(("viscous_friction",), ("load_torque",)),
         Alternative(("current_gain",), ("inertia",)),
@@ -22,7 +22,7 @@ def test_fault_is_not_confused_with_what_a_cause_of_a_similar_name_is_confused_w
     assert confused_with(result, "inertia") == {("current_gain",)}
 
 
-def test_each_of_several_shorts_is_confused_with_what_they_are_confused_with():
+def test_each_of_several_shorts_gets_the_confusions_of_all():
     result = estimate(Alternative(("torque_constant",), EQUAL_SHORTS))
     for name in EQUAL_SHORTS:
         assert confused_with(result, name) == {("torque_constant",)}
@@ -30,7 +30,7 @@ def test_each_of_several_shorts_is_confused_with_what_they_are_confused_with():
     assert names_of(result.alternatives) == {"torque_constant", *EQUAL_SHORTS}
 
 
-def test_parts_whose_names_are_all_listed_alone_are_left_out():
+def test_parts_that_are_all_listed_separately_are_left_out():
     pair = EQUAL_SHORTS[:2]
     assert fewest([pair, *((name,) for name in pair)]) == tuple((name,) for name in pair)
     assert fewest([pair, pair[:1]]) == (pair[:1], pair)

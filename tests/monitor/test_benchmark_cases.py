@@ -46,7 +46,7 @@ def test_plant_behaves_as_the_registries_of_faults_and_causes_state(effects, eff
     assert not np.any(run(plant, jam=1.0).speed)
 
 
-def test_an_effect_leaves_the_figures_of_the_others_alone(effects):
+def test_effect_does_not_change_the_numbers_of_the_others(effects):
     everything = effects.draw_plant(7, effects.DEVELOPMENT)
     without = effects.draw_plant(7, effects.DEVELOPMENT - {effects.Effect.COGGING})
     assert without.parameters == everything.parameters
@@ -60,7 +60,7 @@ def cases() -> ModuleType:
     return benchmark("cases")
 
 
-def test_a_case_gives_the_same_window_each_time_and_another_seed_another(cases):
+def test_case_gives_the_same_window_each_time_and_another_seed_a_different_one(cases):
     one, other = cases.healthy(2)
     window, again = (one.window(one.telemetry(), noisy=True) for _ in range(2))
     np.testing.assert_array_equal(window.current, again.current)
@@ -83,7 +83,7 @@ def test_sets_share_no_window(cases):
     assert len({case.seed for case in sets}) == len(sets)
 
 
-def test_plants_are_off_by_five_percent_at_most_and_share_the_faults_out(cases):
+def test_plants_deviate_by_at_most_five_percent_and_share_all_faults(cases):
     faulty = cases.wide(7)
     plants = cases.plants(faulty, 3, 2)
     assert sorted(c.faults for p in plants for c in p.faulty) == sorted(c.faults for c in faulty)
@@ -95,7 +95,7 @@ def test_plants_are_off_by_five_percent_at_most_and_share_the_faults_out(cases):
         assert values != pytest.approx(nominal, rel=0.005)
 
 
-def test_errors_of_sensors_are_as_large_as_they_state():
+def test_errors_of_sensors_have_their_stated_size():
     errors = benchmark("sensor_errors")
     telemetry = errors.simulate({})
     most = np.max(np.abs(telemetry.current))

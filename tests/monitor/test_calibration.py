@@ -26,7 +26,7 @@ H = 1e-4
 
 
 @pytest.mark.parametrize("name", [name for name in PARAMETERS.as_mapping() if name != "omega_c"])
-def test_any_other_parameter_is_a_mismatch(calibration, name):
+def test_any_different_parameter_is_a_mismatch(calibration, name):
     value = PARAMETERS.as_mapping()[name]
     different = value + 1 if name == "P" else 1.001 * value or 1e-3
     described = ActuatorDescription(parameters=PARAMETERS.replace({name: different}))
@@ -36,7 +36,7 @@ def test_any_other_parameter_is_a_mismatch(calibration, name):
     assert differences_text(differences) == words
 
 
-def test_all_that_is_different_is_named(calibration):
+def test_all_differences_are_named(calibration):
     described = ActuatorDescription(
         serial_number="X", parameters=PARAMETERS.replace({"R_s": 2.2, "k_e": 0.07})
     )
@@ -46,7 +46,7 @@ def test_all_that_is_different_is_named(calibration):
 
 
 @pytest.mark.parametrize(("share", "has_correction"), [(0.0045, True), (0.0055, False)])
-def test_other_command_has_no_correction_and_the_wider_scatter(
+def test_other_command_has_no_correction_and_a_wider_scatter(
     calibration, healthy_windows, share, has_correction
 ):
     """The limit is half a per cent of the rms of the command."""
@@ -65,7 +65,7 @@ def test_other_command_has_no_correction_and_the_wider_scatter(
 
 
 @pytest.mark.parametrize("shift", [-25, -1, 0, 1, 40])
-def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
+def test_window_that_begins_later_or_earlier_is_aligned(calibration, shift):
     # A tone with a unique alignment.
     command = 1e-3 * np.sin(2 * np.pi * (np.arange(-100, 5101) / 5000.0) ** 2 * 15.0)
     n = len(calibration.correction)
@@ -82,7 +82,7 @@ def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
             np.testing.assert_array_equal(row[inside], correction[inside + shift])
 
 
-def test_model_is_the_nominal_one_with_the_structural_figures(calibration, healthy_windows):
+def test_model_is_the_nominal_one_with_the_structural_parameters(calibration, healthy_windows):
     """Motor and user shaft have the same factors, and nothing else is changed."""
     p = PARAMETERS
     deviations = Deviations(lift=0.2, friction=0.1, inertia=-0.1, backlash=0.5, loop_gain=0.02)
@@ -107,7 +107,7 @@ CHIRP = 1e-3 * np.sin(2 * np.pi * 15.0 * (np.arange(1000) / 1000.0) ** 2)
 
 
 @pytest.mark.parametrize("shift", [-60, -7, 0, 1, 60])
-def test_shift_is_found_under_noise(shift):
+def test_shift_is_measured_under_noise(shift):
     command = CHIRP[100 + shift : 800 + shift] + np.random.default_rng(1).normal(0, 1e-6, 700)
     reference = CHIRP[100:800]
     assert shift_between(command, reference, 1e-4) == shift
@@ -116,21 +116,21 @@ def test_shift_is_found_under_noise(shift):
 
 
 @pytest.mark.parametrize("shift", [-2, 0, 1])
-def test_few_samples_of_a_slow_stream_are_laid_over_each_other(shift):
+def test_slow_streams_with_few_samples_are_aligned(shift):
     """For 100 samples at 200 Hz, shifts of 60 would leave nothing to compare."""
     slow = CHIRP[::9][:111]
     command = slow[5 + shift : 105 + shift] + np.random.default_rng(1).normal(0, 1e-4, 100)
     assert shift_between(command, slow[5:105], 5e-3) == shift
 
 
-def test_moved_row_holds_its_ends():
+def test_shifted_row_repeats_its_ends():
     row = np.array([1.0, 2.0, 3.0])
     assert moved(row, 1).tolist() == [2.0, 3.0, 3.0]
     assert moved(row, -1).tolist() == [1.0, 1.0, 2.0]
     assert moved(row, 0).tolist() == row.tolist()
 
 
-def test_windows_with_a_noisy_command_are_averaged_in_step(
+def test_windows_with_a_noisy_command_are_aligned_before_averaging(
     healthy_windows, description, calibration
 ):
     """Their starts have jitter, their currents do not."""

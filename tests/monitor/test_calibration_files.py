@@ -54,7 +54,7 @@ def refused(tmp_path):
     return refused
 
 
-def test_what_is_loaded_is_what_is_in_memory_to_the_last_bit(calibration, path):
+def test_loaded_calibration_is_bit_identical_to_the_saved_one(calibration, path):
     loaded = Calibration.load(path)
     for name in ARRAYS:
         assert getattr(loaded, name).tobytes() == getattr(calibration, name).tobytes()
@@ -62,7 +62,7 @@ def test_what_is_loaded_is_what_is_in_memory_to_the_last_bit(calibration, path):
         assert getattr(loaded, name) == getattr(calibration, name)
 
 
-def test_saving_replaces_an_older_file_and_leaves_nothing_else(calibration, tmp_path):
+def test_saving_replaces_an_older_file_and_leaves_no_other_file(calibration, tmp_path):
     path = tmp_path / "unit.yaml"
     path.write_text("older")
     calibration.save(path)
@@ -114,7 +114,7 @@ def test_missing_entry_is_refused_by_name(refused, content, name):
     assert name in message
 
 
-def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path):
+def test_calibration_without_relations_of_the_columns_is_accepted(content, tmp_path):
     """Files of earlier versions have none; their identity, stored in recordings, is kept."""
     older = {**content}
     del older["travel_ratio"], older["law_offset"]
@@ -175,7 +175,7 @@ def test_impossible_deviation_is_refused_by_name(refused, content, name, value):
     assert f"unit: {name} = {value!r}" in refused({**content, "unit": unit})
 
 
-def test_change_by_hand_is_permitted_and_logged(content, calibration, tmp_path, caplog):
+def test_manual_change_is_permitted_and_logged(content, calibration, tmp_path, caplog):
     path = tmp_path / "changed.yaml"
     path.write_text(yaml.safe_dump({**content, "windows": 7}))
     changed = Calibration.load(path)

@@ -55,7 +55,7 @@ def test_worn_unit_is_refused_unless_a_person_accepts_it(faults: Mapping[str, fl
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_healthy_units_off_their_nominal_parameters_are_plausible(seed: int):
+def test_healthy_units_with_deviating_parameters_are_plausible(seed: int):
     nominal = ActuatorParameters()
     factors = [1.0 + 0.05 * (-1.0) ** (seed >> bit) for bit in range(2)]
     off = nominal.replace(
@@ -80,5 +80,5 @@ def test_healthy_units_off_their_nominal_parameters_are_plausible(seed: int):
     ],
     ids=["swing", "sine", "ramp", "small chirp"],
 )
-def test_healthy_unit_under_other_commands_is_plausible(command: Command):
+def test_healthy_unit_with_other_commands_is_plausible(command: Command):
     assert calibrate(windows({}, command=command), FLAP).windows == 3

@@ -40,7 +40,7 @@ def kept(
     return path
 
 
-def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
+def test_shipped_calibration_is_used_without_a_file(tmp_path: Path):
     store = CalibrationStore("", tmp_path)
     assert identity(store.of(FLAP)) == SHIPPED.calibration_id
     assert identity(store.of(RUDDER)) == SHIPPED.calibration_id
@@ -60,7 +60,7 @@ def test_labels_are_kept_by_a_calibration_of_the_same_unit_and_motion(tmp_path: 
         assert load_calibration(path).baseline == expected
 
 
-def test_baseline_of_a_file_by_an_earlier_version_is_read_with_its_identity(
+def test_baseline_in_a_file_of_an_earlier_version_is_read_with_its_identity(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     figures = WindowFigures(Motion(0.04, 3.0, 1.0), {"current_forward": 0.7}, 750)
@@ -102,7 +102,7 @@ def test_missing_or_damaged_file_is_reported_and_read_once_it_exists(tmp_path: P
     assert identity(store.of(FLAP)) == SMALL.calibration_id
 
 
-def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
+def test_new_calibration_is_stored_and_used_only_for_its_unit(tmp_path: Path):
     store = CalibrationStore("", tmp_path / "own")
     path = kept(store, RUDDER, of_unit(RUDDER), "")
     assert path.parent == tmp_path / "own"
@@ -115,7 +115,7 @@ def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
     assert identity(store.of(replacement)) == SHIPPED.calibration_id
 
 
-def test_path_is_from_the_call_else_the_setting_else_the_folder(tmp_path: Path):
+def test_path_comes_from_the_call_else_the_setting_else_the_folder(tmp_path: Path):
     setting, folder = f"{tmp_path}/set/{{actuator_id}}.yaml", tmp_path / "own"
     store = CalibrationStore(setting, folder)
     assert kept(store, FLAP, SMALL, "") == tmp_path / "set" / "flap.yaml"
@@ -138,7 +138,7 @@ def test_path_is_from_the_call_else_the_setting_else_the_folder(tmp_path: Path):
         "long" * 2000 + ".yaml",
     ],
 )
-def test_call_names_files_of_the_folder_alone(file: str, tmp_path: Path):
+def test_call_accepts_only_files_of_the_folder(file: str, tmp_path: Path):
     folder = tmp_path / "own"
     folder.mkdir()
     (folder / "link").symlink_to(tmp_path)
@@ -150,7 +150,7 @@ def test_call_names_files_of_the_folder_alone(file: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("content", ["export PATH=", "windows: many", ""])
-def test_file_that_is_no_calibration_is_not_overwritten(content: str, tmp_path: Path):
+def test_file_that_is_not_a_calibration_is_not_overwritten(content: str, tmp_path: Path):
     file = tmp_path / "other.yaml"
     file.write_text(content)
     store = CalibrationStore("", tmp_path)
@@ -183,7 +183,7 @@ def test_names_cannot_lead_out_of_the_folder(tmp_path: Path):
     assert (tmp_path / "own") in kept(store, parent, of_unit(parent), "").resolve().parents
 
 
-def test_calibration_that_is_loaded_must_be_of_the_unit(tmp_path: Path):
+def test_loaded_calibration_must_belong_to_the_unit(tmp_path: Path):
     file = tmp_path / "rudder.yaml"
     of_unit(RUDDER).save(file)
     store = CalibrationStore("", tmp_path)

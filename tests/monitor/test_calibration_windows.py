@@ -35,7 +35,7 @@ def measured(windows: Sequence[Window], value: float, sigma: float = 0.01) -> li
 
 
 @pytest.mark.slow
-def test_a_measured_load_is_no_deviation_of_the_unit_within_the_error_of_its_sensor(loaded):
+def test_measured_load_is_no_deviation_of_the_unit_within_the_error_of_its_sensor(loaded):
     """Otherwise the load would become a deviation, and a window without load its opposite."""
     blind = calibrate_model(loaded)
     sure, seeing = (calibrate_model(measured(loaded, LOAD, sigma)) for sigma in (1e-4, 0.01))
@@ -68,7 +68,7 @@ def test_calibration_names_deviations_that_its_windows_did_not_show():
     assert unfitted.not_learned == ()
 
 
-def test_a_dwell_is_where_the_command_rests_for_twenty_milliseconds():
+def test_dwell_is_a_rest_of_the_command_for_twenty_milliseconds():
     ramp = np.linspace(0.0, 0.005, 1001)
     command = np.concatenate([ramp, np.full(500, 0.005), ramp[::-1], np.zeros(150)])
     moving = window_from(command).moves
@@ -86,12 +86,12 @@ def test_a_dwell_is_where_the_command_rests_for_twenty_milliseconds():
     [THESIS_CHIRP, Command("sine", amplitude=0.01, start_frequency=4.0, duration=0.55)],
     ids=["chirp", "sine"],
 )
-def test_test_cycles_do_not_dwell(command):
+def test_test_cycles_have_no_dwells(command):
     [window] = find_windows(simulate(command=command))
     assert window.moves.all()
 
 
-def test_samples_count_by_speed_and_not_at_all_in_a_dwell():
+def test_samples_are_weighted_by_speed_and_ignored_in_a_dwell():
     [stretch, *_] = stretches_of(moved(moves(3.0, rate=0.1), load=0.0))
     weights = stretch.weights
     assert np.mean(weights**2) == pytest.approx(1.0, rel=1e-12)
@@ -102,7 +102,7 @@ def test_samples_count_by_speed_and_not_at_all_in_a_dwell():
 
 
 @pytest.mark.slow
-def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
+def test_motion_gives_the_same_friction_and_lift_as_the_test_cycle():
     """Slow motion alone separates the two if samples are weighted by speed."""
     windows = stretches_of(moved(moves(5.0, rate=0.2), load=0.0))
     unit, of_chirp = calibrate_model(windows, FLAP).unit, Calibration.builtin().unit

@@ -95,7 +95,7 @@ def second(stretches, objectives, knowledge) -> Objective:
     return Objective(stretches[1], calibration, causes=causes, knowledge=knowledge)
 
 
-def test_residuals_are_of_the_stretch_and_of_the_prior_knowledge(
+def test_residuals_include_the_stretch_and_the_prior_knowledge(
     objectives, second, knowledge, point
 ):
     trial = point + 0.01
@@ -107,7 +107,7 @@ def test_residuals_are_of_the_stretch_and_of_the_prior_knowledge(
     assert len(both) == len(alone) + N_FAULTS
 
 
-def test_information_of_two_stretches_is_that_of_both_fitted_at_once(objectives, second, point):
+def test_information_of_two_stretches_equals_that_of_a_joint_fit(objectives, second, point):
     """The first stretch enters as a Gaussian; each stretch has its own fitted load."""
     normals = [
         information(objective.linearise(point).jacobian, objective.noise)
@@ -179,13 +179,13 @@ def test_repeated_motion_adds_no_information():
 
 
 @pytest.mark.slow
-def test_motion_that_shows_nothing_as_well_as_wanted_gives_no_estimate(stretches):
+def test_motion_that_does_not_reach_the_wanted_sigma_gives_no_estimate(stretches):
     estimates, combination = combined(stretches[:2], CombinationSettings(wanted_sigma=2e-4))
     assert estimates == combination.finish() == []
     assert combination.tally.fruitless == 1
 
 
-def test_motions_under_another_load_or_elsewhere_do_not_repeat_each_other(stretches):
+def test_motions_with_another_load_or_at_another_position_are_not_repetitions(stretches):
     first, second = (StretchMotion.of(stretch, 0.1) for stretch in stretches[:2])
     assert first.repeats(first)
     assert not first.repeats(first._replace(load=0.2))
@@ -193,7 +193,7 @@ def test_motions_under_another_load_or_elsewhere_do_not_repeat_each_other(stretc
 
 
 @pytest.mark.slow
-def test_a_fault_that_jumps_begins_a_new_combination():
+def test_fault_that_jumps_begins_a_new_combination():
     """The stretches before the jump give an estimate; the new combination ignores them."""
     actuator = SimulatedActuator()
     before = stretches_of(actuator.advance(moves(1.2, seed=5)))
@@ -212,7 +212,7 @@ def test_a_fault_that_jumps_begins_a_new_combination():
 
 
 @pytest.mark.slow
-def test_motion_soon_after_an_estimate_is_passed_over(stretches):
+def test_motion_soon_after_an_estimate_is_ignored(stretches):
     settings = CombinationSettings(wanted_sigma=0.02, pause_s=60.0)
     estimates, combination = combined(stretches, settings)
     [estimate] = estimates
@@ -223,7 +223,7 @@ def test_motion_soon_after_an_estimate_is_passed_over(stretches):
 
 
 @pytest.mark.slow
-def test_a_jam_is_named_once_and_does_not_count_against_the_limit(stretches):
+def test_jam_is_reported_once_and_does_not_count_against_the_limit(stretches):
     """Every stretch is refused; the third in a row is reported, later ones are counted."""
     actuator = SimulatedActuator()
     actuator.causes = {"jam": 1.0}
@@ -242,7 +242,7 @@ def test_a_jam_is_named_once_and_does_not_count_against_the_limit(stretches):
     assert [estimate.stretches for estimate in combination.finish()] == [3]
 
 
-def test_a_stretch_that_cannot_be_used_or_waited_for_too_long_is_only_counted():
+def test_unusable_or_late_stretch_is_only_counted():
     estimates, combination = combined([Refusal(5, 9, "a gap")] * 4)
     assert estimates == []
     assert combination.tally == Tally(stretches=4, refused=4, reason="a gap")
@@ -252,7 +252,7 @@ def test_a_stretch_that_cannot_be_used_or_waited_for_too_long_is_only_counted():
 
 
 @pytest.mark.slow
-def test_an_abandoned_stretch_leaves_the_combined_stretches_unchanged(stretches):
+def test_abandoned_stretch_leaves_the_combined_stretches_unchanged(stretches):
     combination = Combination(FLAP, Calibration.builtin())
     assert added(combination, stretches[0]) == []
     assert isinstance(next(combination.add(stretches[1])), Generation)
@@ -260,7 +260,7 @@ def test_an_abandoned_stretch_leaves_the_combined_stretches_unchanged(stretches)
     assert (estimate.start_ns, estimate.end_ns) == (stretches[0].start_ns, stretches[0].end_ns)
 
 
-def test_another_distance_than_that_with_a_noise_is_refused():
+def test_distance_without_a_noise_is_refused():
     with pytest.raises(ValueError, match=r"least_squares.*only"):
         Combination(FLAP, Calibration.builtin(), SearchSettings(fitness="least_squares"))
 
@@ -282,7 +282,7 @@ def test_another_calibration_begins_a_new_combination(stretches):
 
 
 @pytest.mark.slow
-def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
+def test_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
     """A bag is played again: no estimate ends before it starts, and no pause lasts too long."""
     hour_ns = 3_600_000_000_000
     again = [earlier(stretch, hour_ns) for stretch in stretches[:3]]
@@ -294,7 +294,7 @@ def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
     assert all(estimate.start_ns < estimate.end_ns for estimate in estimates)
 
 
-def test_a_population_searches_in_the_coordinates_of_the_prior_knowledge(stretches):
+def test_population_searches_in_the_coordinates_of_the_prior_knowledge(stretches):
     """A search that begins at the expected faults has zero residuals of the prior knowledge."""
     faults = fault_vector(FAULTS | {"eccentricity": 0.15, "eccentricity_phase": 0.9})
     calibration = Calibration.builtin().of_any_motion()

@@ -46,13 +46,13 @@ def test_change_is_stated_with_its_interval():
     assert row(FRICTION_UP, "Coulomb friction") == ("+15.2 %", "+11.2 to +19.2 %", "changed")
 
 
-def test_fall_has_an_ascending_interval():
+def test_decrease_has_an_ascending_interval():
     fallen = comparison(changed(INERTIA, -0.2, 0.05))
     assert "Inertia fell 20.0 % (90 % interval 15.0 to 25.0 %)" in summary(fallen)
     assert row(fallen, "inertia")[:2] == ("-20.0 %", "-25.0 to -15.0 %")
 
 
-def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
+def test_healthy_record_states_the_detectable_change_and_the_unjudged_quantities():
     assert summary(HEALTHY) == (
         "No quantity has changed: changes of Coulomb friction above 6 % would show. "
         "Not judged: play (no motor position), tracking lag (no position command)"
@@ -74,7 +74,7 @@ def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
     ],
     ids=["friction first", "torque alone"],
 )
-def test_friction_and_torque_that_are_not_separated_are_a_change_of_effort(of: Comparison):
+def test_unseparated_friction_and_torque_are_a_change_of_effort(of: Comparison):
     words = summary(of)
     assert words.startswith("Effort at the same motion rose 22.0 % (90 % interval ")
     assert words.count("cannot be distinguished in this motion") == 1
@@ -91,12 +91,12 @@ def test_other_rivals_are_named_with_the_quantity():
     assert reported[2] == "changed (not distinguishable from gravity)"
 
 
-def test_rival_has_no_figures_in_the_table():
+def test_rival_has_no_numbers_in_the_table():
     reported = "not judged (this motion cannot distinguish it from Coulomb friction)"
     assert row(EFFORT_UP, "torque per unit of effort") == ("", "", reported)
 
 
-def test_two_changes_with_the_same_rival_are_separated_from_it_once():
+def test_two_changes_with_a_common_rival_are_separated_from_it_once():
     payload = comparison(
         changed(GRAVITY, 0.4, rivals=(TORQUE,)), changed(INERTIA, 0.3, rivals=(TORQUE,))
     )
@@ -108,13 +108,13 @@ def test_two_changes_with_the_same_rival_are_separated_from_it_once():
     assert words.count(reported) == words.count("distinguished") == 1
 
 
-def test_ratio_of_friction_and_inertia_is_stated_only_where_neither_is():
+def test_ratio_of_friction_and_inertia_is_stated_only_if_neither_is():
     ratio = changed(FRICTION_OVER_INERTIA, 0.2)
     assert "over inertia" not in summary(comparison(ratio, changed(FRICTION, 0.2)))
     assert "Coulomb friction over inertia rose 20.0 %" in summary(comparison(ratio))
 
 
-def test_viscous_friction_is_a_share_of_all_friction():
+def test_viscous_friction_is_expressed_as_a_share_of_all_friction():
     of = comparison(changed(VISCOUS, 0.12, 0.02))
     reported = "Viscous friction rose by 12.0 % of all friction at the usual speed (90 % interval "
     assert summary(of).startswith(reported)
@@ -146,7 +146,7 @@ def test_departed_figures_share_a_sentence():
     assert summary(replace(HEALTHY, figures=figures)).startswith(reported)
 
 
-def test_change_that_rounds_to_nothing_has_no_minus_sign():
+def test_change_that_rounds_to_zero_has_no_minus_sign():
     of = comparison(replace(unchanged(FRICTION), change=-2e-4, low=-4e-4, high=0.01))
     assert row(of, "Coulomb friction")[:2] == ("+0.0 %", "+0.0 to +1.0 %")
 
@@ -173,7 +173,7 @@ def test_smallest_change_is_written_without_an_exponent(smallest: float, reporte
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_every_quantity_has_a_row_of_all_columns(name: str):
+def test_every_quantity_has_a_complete_row(name: str):
     table = rows(CASES[name])
     assert len(table) == len(CASES[name].quantities)
     assert all(len(one) == len(HEADINGS) for one in table)

@@ -38,7 +38,7 @@ def limits() -> MotionLimits:
     return MotionLimits.within(PARAMETERS, travel=0.02, current=15.0, speed=400.0)
 
 
-def test_demands_of_a_swing_are_its_own(information):
+def test_demands_of_a_swing_follow_from_its_motion(information):
     swing = Command("swing", amplitude=0.004, start_frequency=4.0, end_frequency=12.0)
     demands = information.demands(information.windows(swing))
     assert demands.travel == pytest.approx(0.008, rel=1e-3)
@@ -67,7 +67,7 @@ def test_impossible_limit_is_refused_by_name_value_and_unit(given, parts):
         assert part in str(refused.value)
 
 
-def test_limits_that_are_not_given_are_nine_tenths_of_the_actuators_own():
+def test_limits_that_are_not_given_are_nine_tenths_of_those_of_the_actuator():
     limits = MotionLimits.within(PARAMETERS, travel=0.01)
     assert limits.current == pytest.approx(0.9 * PARAMETERS.I_max)
     assert limits.speed == pytest.approx(0.9 * PARAMETERS.omega_max)
@@ -133,7 +133,7 @@ def design(sigma, wanted, demands, limits) -> Design:
     )
 
 
-def test_wish_that_cannot_be_met_is_answered_by_fault_and_limit(limits):
+def test_unreachable_sigma_is_refused_with_fault_and_limit(limits):
     demands = Demands(travel=0.01, current=14.9, torque=1.1, speed=300.0, longest=0.5)
     one = design({"gain": 0.004}, {"friction": 0.01, "gain": 0.002}, demands, limits)
     assert not one.reached
@@ -147,7 +147,7 @@ def test_wish_that_cannot_be_met_is_answered_by_fault_and_limit(limits):
     assert design({}, {"friction": 0.005}, demands, limits).reached
 
 
-def test_design_counts_errors_that_its_intervals_do_not_hold():
+def test_design_allows_for_errors_outside_its_intervals():
     honest = FaultProspect(COMPONENTS[0], True, 0.002, 0.003, 0.01, ())
     wrong = honest._replace(error=0.00658)
     assert honest.effective == 0.002
@@ -165,7 +165,7 @@ def test_single_faults_are_half_way_to_their_limits():
         assert not np.any(others[: SHORT_CIRCUITS[-1] + 1])
 
 
-def test_every_fault_is_among_several_in_some_actuator_and_one_phase_is_shorted():
+def test_combinations_include_every_fault_and_short_only_one_phase():
     actuators = [combined_faults(number) for number in range(N_COMBINED)]
     assert np.all(np.any([present(k) for k in actuators], axis=0))
     for k in actuators:
@@ -204,7 +204,7 @@ def test_certificate_states_what_the_motion_does_not_show(certificate):
     assert "larger than their intervals for: friction." in text
 
 
-def test_smallest_fault_is_reported_in_physical_terms(certificate):
+def test_smallest_fault_is_reported_in_physical_units(certificate):
     meanings = {one.name: one.meaning for one in certificate.faults}
     assert meanings["friction"] == "dry friction 1.020 × nominal"
     assert meanings["gain"] == "position-loop gain 1.010 × nominal or 0.990"
@@ -219,7 +219,7 @@ def test_wanted_sigma_that_is_not_reached_is_named(certificate):
     ]
 
 
-def test_record_has_plain_values_and_none_for_what_is_not_known(certificate):
+def test_record_has_plain_values_and_none_for_unknown_ones(certificate):
     record = certificate.record()
     assert record["faults"][BACKLASH]["sigma"] is None
     assert record["healthy_speed_rms"] is None

@@ -29,7 +29,7 @@ CHIRP = window_from(np.concatenate([[0.0], THESIS_CHIRP.sample(H)]))
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_zeros_change_no_bit(form):
+def test_zero_deviations_leave_results_bit_identical(form):
     rng = np.random.default_rng(1)
     m = LANES + 3
     faults = np.stack([random_faults(rng) for _ in range(m)])
@@ -58,7 +58,9 @@ def test_zeros_change_no_bit(form):
         ("speed_loop", -0.08, ("GAP",), 0.92),
     ],
 )
-def test_deviation_of_a_field_oriented_drive_is_another_parameter(name, value, parameters, factor):
+def test_deviation_of_a_field_oriented_drive_equals_a_changed_parameter(
+    name, value, parameters, factor
+):
     """The gains of the current loop, which follow the nominal resistance, cause 0.02 A."""
     p = PARAMETERS.replace({"V_max": 8.0})
     other = p.replace({n: factor * getattr(p, n) for n in parameters})
@@ -72,7 +74,7 @@ def test_deviation_of_a_field_oriented_drive_is_another_parameter(name, value, p
     assert not np.array_equal(deviating, plain)
 
 
-def test_age_of_a_sensor_may_be_any_part_of_a_sample_and_negative():
+def test_delay_of_a_sensor_may_be_any_fraction_of_a_sample_and_negative():
     """Values are interpolated linearly; an early sensor repeats its last value."""
     rows = np.stack([np.arange(20.0) ** 2, np.arange(20.0)])
     for samples in (0.25, 2.5, -0.5, -3.0):
@@ -85,7 +87,7 @@ def test_age_of_a_sensor_may_be_any_part_of_a_sample_and_negative():
         assert seen[1] == pytest.approx(np.maximum(t, 0.0))
 
 
-def test_corrections_are_of_what_the_sensors_show():
+def test_corrections_apply_to_the_sensor_readings():
     unit = Deviations(current_gain=0.1, current_delay=2e-4, speed_offset=0.5)
     rng = np.random.default_rng(3)
     corrections = Response(*rng.normal(size=(2, len(CHIRP))))
@@ -96,7 +98,7 @@ def test_corrections_are_of_what_the_sensors_show():
         assert one == pytest.approx(other + added, rel=1e-12, abs=1e-12)
 
 
-def test_individuals_deviate_from_the_unit_each_for_itself():
+def test_individuals_deviate_from_the_unit_independently():
     """This holds also within a group of lanes."""
     rng = np.random.default_rng(5)
     sigma = {one.name: one.sigma for one in unit_priors(PARAMETERS, 0.01)}
@@ -114,7 +116,7 @@ def test_individuals_deviate_from_the_unit_each_for_itself():
         assert together.speed[i] == pytest.approx(response.speed[0], abs=1e-7, rel=0)
 
 
-def test_hidden_causes_are_the_ends_of_the_vector_and_can_be_simulated():
+def test_hidden_causes_are_the_last_components_and_can_be_simulated():
     assert tuple(one.name for one in hidden_causes(PARAMETERS, 0.01)) == HIDDEN_CAUSES
     for one in hidden_causes(PARAMETERS, 0.01):
         assert one.lowest < one.expected < one.reach <= one.cause.highest
@@ -143,7 +145,7 @@ def test_loads_and_sensors_scale_with_the_actuator():
         assert stiffness[0] == pytest.approx(2 * stiffness[1])
 
 
-def test_what_no_healthy_test_shows_is_not_fitted():
+def test_deviations_that_no_healthy_test_shows_are_not_fitted():
     """Of torque constant, friction, inertia and current gain, only the ratios are visible."""
     fitted = {one.name for one in unit_priors(PARAMETERS, 0.01)}
     assert set(NAMES) - fitted == {

@@ -51,7 +51,7 @@ def run(costs, converged_after=None, **termination):
     return script, drive(script, **termination)
 
 
-def test_best_so_far_is_kept():
+def test_best_point_so_far_is_kept():
     _, progress = run([[5.0, 4.0], [7.0, 3.0], [9.0, 8.0]], converged_after=3)
     # Costs are squares of roots: rounding.
     assert [p.cost for p in progress] == pytest.approx([4.0, 3.0, 3.0], rel=1e-14)
@@ -68,20 +68,20 @@ def test_cost_is_the_sum_of_squares():
     assert progress.cost == 9.0
 
 
-def test_what_is_not_finite_costs_infinity():
+def test_non_finite_residuals_cost_infinity():
     script, progress = run([[NAN, 2.0], [1.0, NAN]], converged_after=2)
     assert script.reported[0].tolist() == [np.inf, pytest.approx(2.0)]
     assert script.reported[1].tolist() == [pytest.approx(1.0), np.inf]
     assert progress[-1].cost == pytest.approx(1.0)
 
 
-def test_stops_when_the_optimizer_has_converged():
+def test_run_stops_when_the_optimizer_has_converged():
     script, progress = run([1.0] * 9, converged_after=4)
     assert len(progress) == script.asked == 4
 
 
 @pytest.mark.parametrize(("budget", "done"), [(3, 1), (5, 1), (6, 2), (11, 3), (100, 4)])
-def test_generation_that_would_pass_the_budget_is_not_begun(budget, done):
+def test_generation_that_would_exceed_the_budget_is_not_started(budget, done):
     sizes = (3, 3, 4, 2)
     script, progress = run([np.full(n, 9.0) for n in sizes], 4, budget=budget)
     assert len(progress) == done
@@ -123,7 +123,7 @@ def test_run_ends_at_a_cost_of_zero_or_after_generations_without_improvement(
     assert progress[-1].cost == pytest.approx(np.nanmin(costs[:done]))
 
 
-def test_another_rule_of_termination_needs_no_other_driver():
+def test_custom_termination_rule_needs_no_other_driver():
     class Five:
         budget = 10**6
 

@@ -63,7 +63,7 @@ ESTIMATE = Estimate(
     "estimate",
     [ESTIMATE, replace(ESTIMATE, play_offset=np.float64(0.3), parts=(PART,)), refused("x")],
 )
-def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
+def test_every_field_is_restored_exactly(estimate: Estimate):
     text = json.dumps(estimate_record(estimate), allow_nan=False)
     again = estimate_of(json.loads(text))
     for item in fields(Estimate):
@@ -78,7 +78,7 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
 
 
 @pytest.mark.parametrize("name", COMPARISONS)
-def test_comparison_comes_back_from_json(name: str):
+def test_comparison_is_restored_from_json(name: str):
     text = json.dumps(estimate_record(compared(COMPARISONS[name])), allow_nan=False)
     again = estimate_of(json.loads(text)).comparison
     # NaN differs from NaN, but its text does not.
@@ -113,7 +113,7 @@ def test_comparison_is_printed_in_place_of_the_faults():
     assert "not judged (the joint did not move)" in str(compared(COMPARISONS["nothing"]))
 
 
-def test_component_that_is_unobservable_is_not_called_healthy():
+def test_unobservable_component_is_not_called_healthy():
     unknown = np.arange(len(FAULT_NAMES)) == 0
     varied = replace(
         ESTIMATE, unobservable=unknown, insignificant=np.ones(len(FAULT_NAMES), dtype=bool)
@@ -133,7 +133,7 @@ def test_cause_is_shown_in_its_unit_and_relative_causes_in_percent(cause, text):
     assert str(cause) == text
 
 
-def test_faults_and_flags_are_by_name():
+def test_faults_and_flags_are_keyed_by_name():
     record = estimate_record(ESTIMATE)
     assert list(record["faults"]) == list(FAULT_NAMES)
     assert record["unobservable"] == [FAULT_NAMES[5]]
@@ -172,7 +172,7 @@ def test_values_are_means_of_the_samples_at_their_time(window, estimate, calibra
     assert fit.start == pytest.approx(window.sample_period * (each + 1) / 2)
 
 
-def test_model_at_the_estimate_is_nearer_to_the_window_than_a_wrong_one(
+def test_model_at_the_estimate_is_closer_to_the_window_than_a_wrong_one(
     window, estimate, calibration
 ):
     fit = window_fit(window, estimate, calibration)
@@ -185,7 +185,7 @@ def test_model_at_the_estimate_is_nearer_to_the_window_than_a_wrong_one(
     assert rms(fit.speed - fit.estimated_speed) < 0.1 * rms(fit.speed)
 
 
-def test_refused_window_shows_what_was_measured_and_no_model(window, calibration):
+def test_refused_window_shows_the_measurement_and_no_model(window, calibration):
     fit = window_fit(window, refused("too much noise"), calibration)
     assert np.isfinite(fit.current).all()
     assert np.isnan(fit.estimated_current).all()

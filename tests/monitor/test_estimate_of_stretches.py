@@ -55,7 +55,7 @@ def combined(*parts: WindowResult, wanted_sigma: float = 0.05) -> Estimate:
     return result
 
 
-def test_a_cause_of_any_stretch_is_named_with_its_range():
+def test_cause_of_any_stretch_is_named_with_its_range():
     load = [CauseEstimate("load_torque", value, 0.01) for value in (0.3, 0.1)]
     offset = CauseEstimate("current_offset", 0.2, 0.02)
     result = combined(
@@ -106,7 +106,7 @@ def test_faults_that_a_stretch_could_not_separate_do_not_average_out():
     assert "the motion does not show short circuit A, short circuit B" in result.reason
 
 
-def test_a_confusion_without_remaining_parts_is_dropped():
+def test_confusion_without_remaining_parts_is_dropped():
     pair = Alternative(("friction",), ("current_offset",))
     first = estimate(0, "friction", alternatives=(pair,))
     for sigma in (SIGMA, 0.12):  # Within its sigma of healthy, the part may still be present.
@@ -116,7 +116,7 @@ def test_a_confusion_without_remaining_parts_is_dropped():
     assert (result.alternatives, result.verdict) == ((), "valid")
 
 
-def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
+def test_temporary_cause_leaves_the_faults_as_estimated():
     """It occurs in one stretch of three. Short circuits would have lasted."""
     inertia = CauseEstimate("inertia", 0.06, 0.05)
     unsure = estimate(0, causes=(inertia,), alternatives=(Alternative(("inertia",), EQUAL_SHORTS),))
@@ -141,14 +141,14 @@ def test_remarks_of_stretches_appear_once_with_their_number():
     ]
 
 
-def test_place_in_the_play_and_cost_are_those_of_the_whole():
+def test_position_in_the_play_and_cost_describe_all_stretches():
     """The play is the position at the start, the cost is the sum of all costs."""
     result = combined(part(estimate(0)), part(estimate(1)))
     assert (result.play_offset, result.fitness, result.stretches) == (0.5, 2.0, 2)
     assert (result.start_ns, result.end_ns) == (0, 19)
 
 
-def test_an_unknown_goodness_is_no_reason_to_be_sure():
+def test_unknown_goodness_widens_sigma():
     """A single healthy window gives no scatter: sigma is as wide as for the worst valid fit."""
     blind = replace(estimate(0), goodness_of_fit=math.nan)
     parts = [

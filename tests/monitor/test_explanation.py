@@ -46,9 +46,7 @@ def errors(estimate, faults):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "value", "sigmas"), CAUSES)
-def test_cause_in_the_simulator_is_named_and_no_fault(
-    calibration, description, name, value, sigmas
-):
+def test_simulated_cause_is_named_and_no_fault(calibration, description, name, value, sigmas):
     estimate = identify(recorded({}, {name: value}), description, calibration)
     assert (estimate.verdict, estimate.alternatives) == ("valid", ())
     assert np.array_equal(estimate.faults, healthy_faults())
@@ -112,7 +110,7 @@ def test_torque_constant_and_three_equal_shorts_are_not_separated(
         ),
     ],
 )
-def test_motor_that_is_as_weak_by_equal_shorts_is_not_separated_however_far_they_are(
+def test_weak_motor_and_equal_shorts_are_not_separated_even_if_they_differ_much(
     calibration, description, faults, causes, alternative
 ):
     """The search finds the wrong explanation, off by 9 and 7 %: sigma has to cover the error."""
@@ -140,7 +138,7 @@ def test_motor_that_is_as_weak_by_equal_shorts_is_not_separated_however_far_they
         ({"gain": 0.35, "friction": 0.1}, {"position_gain": 0.02}),
     ],
 )
-def test_faults_together_with_a_cause_are_right(calibration, description, faults, causes):
+def test_faults_with_a_simultaneous_cause_are_right(calibration, description, faults, causes):
     """Measured errors: up to 0.0036 of the range."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
@@ -152,7 +150,7 @@ def test_faults_together_with_a_cause_are_right(calibration, description, faults
         assert estimate.verdict == "valid"
 
 
-def test_causes_compete_only_where_they_can_be_weighed(calibration, description):
+def test_causes_are_considered_only_with_a_known_noise(calibration, description):
     """The distances of the thesis have no noise."""
     window = recorded({}, {"current_offset": 0.1})
     settings = SearchSettings(fitness="total_least_squares")
@@ -278,7 +276,7 @@ def test_prior_of_a_sensor_is_smooth_where_its_tail_begins(healthy_windows, cali
     assert np.diff(priors, axis=0) == pytest.approx(np.full((2, len(causes)), 1e-3), rel=1e-3)
 
 
-def test_healthy_window_costs_its_effective_residuals(unseen_window, calibration):
+def test_cost_of_a_healthy_window_is_the_number_of_effective_residuals(unseen_window, calibration):
     """Differences of n ln(cost) are then differences of a log likelihood."""
     objective = Objective(unseen_window, calibration)
     cost = np.sum(objective.residuals(objective.healthy[None]) ** 2)

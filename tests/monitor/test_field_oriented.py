@@ -46,7 +46,7 @@ def constant_at(drive, theta_m):
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 7, 100])
-def test_multiple_of_an_angle_is_that_of_the_addition_theorems(number):
+def test_multiple_of_an_angle_follows_the_addition_theorems(number):
     c, s = field_oriented.times_angle(math.cos(0.7), math.sin(0.7), number)
     assert (c, s) == pytest.approx((math.cos(0.7 * number), math.sin(0.7 * number)), abs=1e-12)
 
@@ -88,7 +88,7 @@ def test_current_of_a_locked_motor_is_a_first_order_lag(delay):
     np.testing.assert_allclose(response, exact, atol=4.0 * 3e-3)
 
 
-def test_torque_is_that_of_the_current_and_power_is_balanced():
+def test_torque_follows_from_the_current_and_power_is_balanced():
     """Supply power of the axis less copper and coil is T omega: its voltage constant is 2/3 K."""
     drive, I, omega, dt = drive_of({"short_circuit_b": 0.2}, dt=1e-9), 6.0, 150.0, 1e-9
     (after, _), torque, ripple = step(drive, 0.3, (I, 5.0), I, omega)
@@ -128,7 +128,7 @@ def test_voltage_limits_the_slope_of_the_current():
     ],
     ids=str,
 )
-def test_current_and_speed_are_those_of_the_three_phases(faults):
+def test_current_and_speed_agree_with_the_three_phases(faults):
     [window] = find_windows(simulate(faults, description=UNIT), description=UNIT)
     model = MonitorModel(P, "field_oriented")
     response = model.respond(window, fault_vector(faults), window.play or 0.0)
@@ -142,7 +142,7 @@ def calibration():
     return calibrate_model(find_windows(telemetry, description=UNIT), UNIT)
 
 
-def test_calibration_has_a_bandwidth_and_neither_lift_nor_idle_phases(calibration, tmp_path):
+def test_calibration_has_a_bandwidth_but_neither_lift_nor_idle_phases(calibration, tmp_path):
     assert calibration.form == "field_oriented"
     assert calibration.unit.lift == 0.0
     assert "lift" not in str(calibration)
@@ -169,7 +169,7 @@ def test_calibration_has_a_bandwidth_and_neither_lift_nor_idle_phases(calibratio
     ],
     ids=str,
 )
-def test_faults_are_identified_within_three_sigma_and_nothing_else_is(calibration, faults):
+def test_faults_are_identified_within_three_sigma_without_others(calibration, faults):
     telemetry = simulate(faults, description=UNIT, current_noise=0.02, seed=11)
     [window] = find_windows(telemetry, description=UNIT)
     estimate = identify(window, UNIT, calibration)
@@ -198,12 +198,12 @@ def test_window_of_another_drive_is_refused_by_name(calibration, healthy_windows
         ),
     ],
 )
-def test_drive_without_such_a_model_is_refused_by_name(healthy_windows, drive, form, named):
+def test_drive_without_a_model_is_refused_by_name(healthy_windows, drive, form, named):
     with pytest.raises(ValueError, match=named):
         calibrate_model(healthy_windows[:1], replace(ActuatorDescription(), drive=drive), form)
 
 
-def test_performance_is_that_of_its_own_drive(calibration):
+def test_performance_is_that_of_the_described_drive(calibration):
     """Mechanics and loops are the same, hence equal tracking; less phase voltage, less reserve."""
     mine = PerformanceModel(calibration.unit_parameters)
     assert isinstance(calibration.unit_parameters, FieldOrientedParameters)

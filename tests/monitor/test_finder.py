@@ -38,7 +38,7 @@ def summary(events: list[Segment | Defect]) -> list[tuple[int, int, int, str]]:
     ]
 
 
-def test_windows_are_numbered_and_telemetry_that_comes_first_waits_for_the_description():
+def test_windows_are_numbered_and_early_telemetry_waits_for_the_description():
     finder = WindowFinder(SETTINGS)
     assert fed(finder, cycles(3)) == []
     assert (finder.windows, finder.has_rested) == (0, False)
@@ -59,7 +59,7 @@ def test_only_the_latest_ten_seconds_wait():
 
 
 @pytest.mark.parametrize("change", ["description", "settings"])
-def test_change_ends_the_window_that_is_open(change: str):
+def test_change_of_the_description_ends_the_open_window(change: str):
     finder = WindowFinder(SETTINGS, FLAP)
     part = blocks(cycles(1), 100)
     for block in part[:5]:
@@ -83,7 +83,7 @@ def test_change_ends_the_window_that_is_open(change: str):
     assert len(after.window) == (500 if change == "description" else 300)
 
 
-def test_lost_samples_are_counted_and_cost_the_window():
+def test_lost_samples_are_counted_and_refuse_the_window():
     finder = WindowFinder(SETTINGS, FLAP)
     part = blocks(cycles(2), 100)
     events = [
@@ -96,7 +96,7 @@ def test_lost_samples_are_counted_and_cost_the_window():
     assert (finder.lost_samples, finder.windows) == (200, 2)
 
 
-def test_block_that_is_no_telemetry_ends_the_window_or_breaks_what_waits():
+def test_invalid_block_ends_the_window_or_interrupts_waiting_telemetry():
     finder = WindowFinder(SETTINGS, FLAP)
     part = blocks(cycles(1), 100)
     assert [e for block in part[:5] for e in finder.feed(block)] == []
@@ -118,7 +118,7 @@ def test_block_that_is_no_telemetry_ends_the_window_or_breaks_what_waits():
     assert [item.number for item in only(Segment, [first, second])] == [0, 1]
 
 
-def test_other_sample_period_than_described_is_reported_once():
+def test_sample_period_that_contradicts_the_description_is_reported_once():
     finder = WindowFinder(SETTINGS, replace(FLAP, sample_period=2e-4))
     first, *rest = fed(finder, cycles(2))
     assert isinstance(first, Defect)
@@ -127,7 +127,7 @@ def test_other_sample_period_than_described_is_reported_once():
     assert [item.number for item in only(Segment, rest)] == [0, 1]
 
 
-def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
+def test_end_of_telemetry_ends_the_window_and_a_new_start_is_not_a_gap():
     finder = WindowFinder(SETTINGS, FLAP)
     fed(finder, cycles(1).part(0, 500))
     [event] = only(Segment, finder.finish())
@@ -138,7 +138,7 @@ def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
     assert finder.lost_samples == 0
 
 
-def test_setting_that_the_motion_so_far_does_not_satisfy_is_named_after_three_motions():
+def test_setting_that_the_motion_does_not_satisfy_is_named_after_three_motions():
     finder = WindowFinder(replace(SETTINGS, window_s=0.06), FLAP)
     fed(finder, cycles(2))
     assert finder.obstacle == ""
@@ -152,7 +152,7 @@ def test_setting_that_the_motion_so_far_does_not_satisfy_is_named_after_three_mo
     assert (finder.windows, finder.obstacle) == (4, "")
 
 
-def test_command_that_never_rests_is_named_with_what_counts_as_rest():
+def test_command_that_never_rests_is_named_with_the_definition_of_rest():
     finder = WindowFinder(replace(SETTINGS, rest_s=10.0), FLAP)
     fed(finder, cycles(112), size=10_000)
     assert finder.obstacle == (
@@ -170,7 +170,7 @@ def kept_samples(finder: WindowFinder) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("description", [None, FLAP])
-def test_what_is_kept_is_bounded_regardless_of_the_period(monkeypatch, description):
+def test_kept_telemetry_is_limited_for_any_period(monkeypatch, description):
     for module in (finder_module, trigger_module):
         monkeypatch.setattr(module, "MOST_SAMPLES", 5000)
         monkeypatch.setattr(module, "MOST_BLOCKS", 70)
@@ -193,7 +193,7 @@ def test_what_is_kept_is_bounded_regardless_of_the_period(monkeypatch, descripti
     assert finder.windows == 2
 
 
-def test_period_at_which_a_window_would_take_all_memory_is_named():
+def test_period_at_which_a_window_would_use_all_memory_is_named():
     finder = WindowFinder(SETTINGS, FLAP)
     block = replace(stream(np.zeros(100)), sample_period=1e-9)
     event = [item for _ in range(3) for item in finder.feed(block)][-1]
@@ -205,7 +205,7 @@ def test_period_at_which_a_window_would_take_all_memory_is_named():
     assert len(only(Segment, fed(finder, cycles(1)))) == 1
 
 
-def test_window_of_too_many_blocks_is_refused_and_the_next_one_found(monkeypatch):
+def test_window_with_too_many_blocks_is_refused_and_the_next_one_accepted(monkeypatch):
     monkeypatch.setattr(trigger_module, "MOST_BLOCKS", 300)
     finder = WindowFinder(SETTINGS, FLAP)
     [*_, reason] = summary(fed(finder, cycles(1), 1)[:1])[0]
@@ -214,7 +214,7 @@ def test_window_of_too_many_blocks_is_refused_and_the_next_one_found(monkeypatch
 
 
 @pytest.mark.parametrize("first_index", [2**53, 2**63 - 450, 2**63, 2**64 - 900])
-def test_window_is_found_wherever_the_running_index_is(first_index: int):
+def test_window_is_detected_at_any_running_index(first_index: int):
     windows = []
     for index in (first_index, 1):
         [found] = only(
@@ -225,7 +225,7 @@ def test_window_is_found_wherever_the_running_index_is(first_index: int):
     assert windows[0] == windows[1]
 
 
-def test_modelled_drive_without_a_command_states_so():
+def test_modelled_drive_without_a_command_is_reported():
     whole = cycles(12)
     finder = WindowFinder(SETTINGS, FLAP)
     assert fed(finder, replace(whole, command=np.empty(0))) == []

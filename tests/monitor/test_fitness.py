@@ -70,7 +70,7 @@ def least_squares(measured, modelled, h):
 
 
 @pytest.mark.parametrize("formula", [total_least_squares, least_squares])
-def test_fitness_of_the_thesis_is_its_formula(currents, cost, formula):
+def test_fitness_of_the_thesis_follows_its_formula(currents, cost, formula):
     expected = formula(*(row.tolist() for row in currents), H)
     # Sums of 500 terms in two orders.
     assert cost(formula.__name__, *currents) == pytest.approx(expected, rel=1e-12)
@@ -90,7 +90,7 @@ def test_cost_does_not_depend_on_the_sample_period(name, cost):
 
 
 @pytest.mark.parametrize("name", FITNESS)
-def test_individuals_have_a_row_each(name, calibration):
+def test_each_individual_has_a_row(name, calibration):
     rng = np.random.default_rng(4)
     made = fitness_for(name, measured(rng.normal(size=N), rng.normal(size=N)), calibration)
     modelled = Response(rng.normal(size=(3, N)), rng.normal(size=(3, N)))
@@ -100,14 +100,14 @@ def test_individuals_have_a_row_each(name, calibration):
         assert rows[i] == pytest.approx(alone[0], rel=1e-9, abs=1e-12)
 
 
-def test_without_any_slope_the_two_thesis_fitnesses_are_one(cost):
+def test_two_thesis_fitnesses_agree_without_any_slope(cost):
     constant, modelled = np.full(20, 1.3), np.linspace(0.0, 2.0, 20)
     assert cost("total_least_squares", constant, modelled) == cost(
         "least_squares", constant, modelled
     )
 
 
-def test_pseudo_huber_is_odd_rises_and_squares_to_its_loss():
+def test_pseudo_huber_is_odd_monotonic_and_its_square_is_the_loss():
     distance = np.linspace(-9.0, 9.0, 181)
     values = pseudo_huber(distance, 0.7)
     assert values == pytest.approx(-values[::-1], rel=1e-14, abs=1e-14)
@@ -135,7 +135,7 @@ def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
     return np.split(fitness_for("band_limited", window, calibration).residuals(expected)[0], 2)
 
 
-def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(scattered):
+def test_weight_of_an_error_at_constant_speed_follows_the_speed_over_its_rms(scattered):
     """At the rms speed, the weight is 1 / hypot(1, 1/2) if half the rms counts as slow."""
     of_current, of_speed = residuals_of(scattered, 20.0, current_error=0.3)
     weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
@@ -145,7 +145,7 @@ def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(scattered
 
 
 @pytest.mark.parametrize("error", [{"current_error": 0.3}, {"speed_error": 2.0}])
-def test_error_does_not_count_where_the_motor_stands(scattered, error):
+def test_error_does_not_count_while_the_motor_stands_still(scattered, error):
     speed = np.where(np.arange(N) < N // 2, 0.0, 30.0)
     rows = np.concatenate(residuals_of(scattered, speed, **error))
     standing = np.tile(band_limited(speed, H) == 0.0, 2)
@@ -154,7 +154,7 @@ def test_error_does_not_count_where_the_motor_stands(scattered, error):
     assert np.sum(rows**2) > 0.0
 
 
-def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(scattered):
+def test_speed_counts_as_half_the_equivalent_current_of_its_loop(scattered):
     p = scattered.parameters
     in_amperes = p.GAP / p.k_t * 0.2
     _, of_speed = residuals_of(scattered, 20.0, speed_error=0.2)
@@ -188,7 +188,7 @@ def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatt
 
 
 @pytest.mark.parametrize("scatters", [(math.nan, math.nan), (math.nan, 0.05), (0.02, math.nan)])
-def test_unknown_scatter_is_tolerated(calibration, scatters):
+def test_unknown_scatter_is_replaced_by_an_assumed_one(calibration, scatters):
     unknown = scattering(calibration, *scatters)
     assumed = fitness._UNKNOWN_SCATTER * calibration.parameters.h_b
     scattered = scattering(
@@ -204,9 +204,7 @@ def test_unknown_scatter_is_tolerated(calibration, scatters):
         assert np.array_equal(row, expected)
 
 
-def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(
-    calibration, unseen_window
-):
+def test_healthy_window_costs_less_than_the_good_cost_and_a_fault_more(calibration, unseen_window):
     window = unseen_window
     made, model = fitness_for("band_limited", window, calibration), calibration.model()
     faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])

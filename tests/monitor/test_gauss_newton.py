@@ -57,7 +57,7 @@ def test_step_is_the_bounded_least_squares_solution(damping, spread):
         assert excess(matrix, right, new, bounded_minimum(matrix, right, new)) < 1e-9
 
 
-def test_component_without_effect_stays():
+def test_component_without_effect_is_unchanged():
     rng = np.random.default_rng(5)
     point, residuals, jacobian = problem(rng, 0.5)
     jacobian[:, 3] = 0.0
@@ -100,7 +100,7 @@ def test_refit_is_constrained_least_squares(seed):
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
-def test_bounds_are_those_of_a_box_of_any_size(damping):
+def test_bounds_apply_to_a_box_of_any_size(damping):
     """The same problem in other units has the same minimum."""
     rng = np.random.default_rng(6)
     for _ in range(50):
@@ -164,7 +164,7 @@ def test_descent_reaches_the_minimum_where_full_steps_diverge(search):
     assert descend(full.problem, FAR, alone, Stopping(50)).point == pytest.approx(0.7)
 
 
-def test_later_groups_are_evaluated_only_if_those_before_gain_nothing():
+def test_later_groups_are_evaluated_only_if_earlier_ones_gain_nothing():
     function = Watched()
     descend(function.problem, FAR, IN_TURN, Stopping(1))
     # The start, and the shares up to the first that gains.
@@ -174,7 +174,7 @@ def test_later_groups_are_evaluated_only_if_those_before_gain_nothing():
     assert near.asked == [1, 1]
 
 
-def test_descent_begins_at_the_lowest_start_that_is_finite():
+def test_descent_begins_at_the_lowest_finite_start():
     function = Watched()
     starts = np.array([[np.nan], [0.8], [0.52], [0.1]])
     descend(function.problem, starts, TOGETHER, Stopping(1))
@@ -185,7 +185,7 @@ def test_descent_begins_at_the_lowest_start_that_is_finite():
     assert np.isnan(descent.point)
 
 
-def test_descent_ends_where_a_derivative_is_not_finite():
+def test_descent_ends_if_a_derivative_is_not_finite():
     function = Watched(lambda x: np.nan if x < 0.6 else 1.0)
     descent = descend(function.problem, FAR, IN_TURN, Stopping(50))
     assert descent.point < 0.6
@@ -209,7 +209,7 @@ def test_each_tolerance_ends_a_descent(stopping, steps):
     assert len(function.linearised) == steps
 
 
-def test_step_that_gains_too_little_is_not_taken():
+def test_step_that_gains_too_little_is_rejected():
     function = Watched()
     assert descend(function.problem, FAR, TOGETHER, Stopping(50, gain=0.999)).point == FAR[0]
 
@@ -229,7 +229,7 @@ def test_promise_kept_by_a_good_fit_ends_a_descent():
     assert good.point == poor.point == pytest.approx(0.3)
 
 
-def test_cost_follows_residuals_that_are_weighed_again():
+def test_cost_follows_reweighted_residuals():
     """A step is judged with the weights at its start, and not with those of earlier steps."""
     function = Watched(lambda x: 1.0 / abs(float(x[0]) - 0.5))
     descent = descend(function.problem, FAR, IN_TURN, Stopping(50, step=1e-7))

@@ -73,7 +73,7 @@ def test_healthy_actuator_is_healthy():
         ("gain", LIMITS.gain),
     ],
 )
-def test_levels_change_where_the_bound_passes_the_share_and_the_value_the_limit(
+def test_levels_change_when_the_bound_passes_the_share_and_the_value_the_limit(
     name: str, limit: float
 ):
     healthy = FAULTS[FAULT_NAMES.index(name)].healthy
@@ -103,7 +103,7 @@ def test_severity_is_graded_by_the_share(share: float, severity: int):
     assert assess(estimate({"friction": share * 0.5}), LIMITS).severity == severity
 
 
-def test_worst_fault_dominates():
+def test_worst_fault_determines_level_and_index():
     health = assess(estimate({"friction": 0.3, "backlash": 0.4, "eccentricity": 0.2}), LIMITS)
     assert (health.level, health.dominant_fault) == (WARN, "backlash")
     # A fault beyond its limit comes first, for any shares of the others.
@@ -112,7 +112,7 @@ def test_worst_fault_dominates():
     assert (health.level, health.dominant_fault) == (ERROR, "gain")
 
 
-def test_fault_that_no_test_has_shown_leaves_the_level_open():
+def test_fault_that_no_test_has_shown_leaves_the_level_unknown():
     health = assess(estimate({"friction": 0.9}, unknown=("friction", "backlash")), LIMITS)
     assert health.level == STALE
     assert np.isnan(health.health_index)
@@ -126,7 +126,7 @@ def test_fault_that_no_test_has_shown_leaves_the_level_open():
     assert (levels["friction"], levels["backlash"], levels["gain"]) == (STALE, STALE, OK)
 
 
-def test_fault_that_is_seen_warns_regardless_of_what_is_not():
+def test_observable_fault_warns_regardless_of_unobservable_ones():
     health = assess(estimate({"gain": 0.6}, unknown=("friction", "backlash")), LIMITS)
     assert (health.level, health.dominant_fault) == (WARN, "gain")
     assert health.health_index == pytest.approx(0.6)
@@ -157,7 +157,7 @@ def test_tracked_value_that_no_recent_test_shows_may_alarm_and_is_not_ok(value: 
 @pytest.mark.parametrize(
     ("share", "confidence"), [(0.4, 1.0), (0.5, 1.0), (0.75, 0.5), (1.0, 0.0), (np.nan, 0.0)]
 )
-def test_confidence_falls_as_the_fit_comes_near_its_limit(
+def test_confidence_decreases_as_the_fit_approaches_its_limit(
     limit: float, share: float, confidence: float
 ):
     made = estimate(
@@ -168,12 +168,12 @@ def test_confidence_falls_as_the_fit_comes_near_its_limit(
     assert health.reason == "a poor fit"
 
 
-def test_no_health_without_a_valid_estimate():
+def test_health_needs_a_valid_estimate():
     with pytest.raises(ValueError, match="gap of 3 samples"):
         assess(refused("gap of 3 samples"), LIMITS)
 
 
-def test_tracked_value_takes_the_place_of_the_estimate():
+def test_tracked_value_replaces_the_estimate():
     made = estimate({"friction": 0.3, "backlash": 0.2}, unknown=("friction",))
     health = assess(made, LIMITS, {"friction": Tracked(0.6, 0.01), "gain": Tracked(0.2, 0.01)})
     items = {item.name: item for item in health.faults}
@@ -191,7 +191,7 @@ def test_tracked_value_takes_the_place_of_the_estimate():
     ("before", "found", "level"),
     [(0.05, 0.06, OK), (0.05, 0.3, WARN), (0.05, 0.9, WARN), (0.3, 0.0, WARN), (0.6, 0.0, ERROR)],
 )
-def test_value_that_is_held_back_is_reported_if_a_level_depends_on_it(before, found, level):
+def test_held_back_value_is_reported_if_a_level_depends_on_it(before, found, level):
     made = estimate({"friction": found})
     health = assess(made, LIMITS, {"friction": Tracked(before, 0.01, doubtful=True)})
     [item] = [item for item in health.faults if item.name == "friction"]
@@ -203,7 +203,7 @@ def test_value_that_is_held_back_is_reported_if_a_level_depends_on_it(before, fo
     ("friction", "share", "level", "severity"),
     [(0.0, 0.1, OK, 0), (0.0, 0.6, WARN, 2), (0.0, 1.2, ERROR, 4), (0.45, 0.3, WARN, 3)],
 )
-def test_worse_of_faults_and_requirements_holds(
+def test_worse_of_faults_and_requirements_determines_the_level(
     friction: float, share: float, level: int, severity: int
 ):
     own = ERROR if share > 1.0 else WARN if share > 0.2 else OK
@@ -215,7 +215,7 @@ def test_worse_of_faults_and_requirements_holds(
     assert health.health_index == pytest.approx(min(1.0 - friction / 0.5, best))
 
 
-def test_requirement_that_nothing_is_known_of_changes_nothing():
+def test_unknown_requirement_changes_nothing():
     required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, 14.0, True, 0.5),)
     health = assess(estimate(), LIMITS)
     assert with_requirements(health, required).level == health.level
@@ -229,7 +229,7 @@ def health_of(of: Comparison, limits: HealthLimits = LIMITS) -> Health:
     return assess(compared(of), limits)
 
 
-def test_record_without_a_change_is_ok_if_the_warning_limit_would_show():
+def test_record_without_a_change_is_ok_if_the_warning_limit_would_be_detectable():
     health = health_of(HEALTHY)
     assert (health.level, health.health_index, health.severity) == (OK, 1.0, 0)
     assert health.confidence == len(HEALTHY.judged) / len(HEALTHY.quantities) < 1.0
@@ -254,7 +254,7 @@ def test_ok_needs_a_judgement_of_friction():
     assert health.reason == "Coulomb friction is not judged: one direction only"
 
 
-def test_doubtful_change_leaves_the_level_open_and_is_named_with_its_size():
+def test_doubtful_change_leaves_the_level_unknown_and_is_named_with_its_size():
     doubt = replace(not_judged(FRICTION, "not certain"), change=0.147, low=0.1, high=0.2)
     assert health_of(comparison(doubt)).reason == (
         "Coulomb friction is not judged: not certain; Coulomb friction may have changed by +14.7 %"
@@ -285,7 +285,7 @@ def test_friction_tracked_over_earlier_tests_does_not_replace_its_judgement():
         replace(HEALTHY, figures=(FigureChange("tracking_error", 2.0, 1e-5),)),
     ],
 )
-def test_departure_warns_and_is_never_as_new(of: Comparison):
+def test_departure_warns_and_never_has_the_index_of_a_new_unit(of: Comparison):
     health = health_of(of)
     assert health.level in (WARN, ERROR)
     assert health.severity >= 1
@@ -298,7 +298,7 @@ def test_index_of_a_departure_follows_the_share_of_its_limit():
     assert health_of(comparison(changed(FRICTION, 1.2, 0.02))).level == ERROR
 
 
-def test_departure_without_friction_has_no_index_as_nothing_with_a_limit_is_known():
+def test_departure_without_friction_has_no_index_as_no_limit_is_known():
     health = health_of(
         comparison(
             changed(VISCOUS, 1.0),
@@ -309,7 +309,7 @@ def test_departure_without_friction_has_no_index_as_nothing_with_a_limit_is_know
     assert np.isnan(health.health_index)
 
 
-def test_torque_per_ampere_is_a_requirement_where_it_is_judged():
+def test_torque_per_ampere_is_a_requirement_if_it_is_judged():
     [item] = torque(comparison(changed(TORQUE, -0.18, 0.02)))
     assert (item.value, item.limit_is_lower) == (pytest.approx(0.82), True)
     # Hot magnets may lose 5 %, one sigma, compared with 0.02 / 1.645 of the record.
@@ -324,12 +324,12 @@ def test_torque_that_is_not_separated_from_friction_is_not_blamed():
 
 
 @pytest.mark.parametrize("name", sorted(set(CASES) - {"nothing"}))
-def test_warning_never_stands_next_to_the_index_of_a_new_unit(name: str):
+def test_warning_is_never_next_to_the_index_of_a_new_unit(name: str):
     health = health_of(CASES[name])
     assert health.level != WARN or not health.health_index > 0.99
 
 
-def test_departed_estimate_of_a_modelled_drive_is_never_as_new():
+def test_departed_estimate_of_a_modelled_drive_never_has_the_index_of_a_new_unit():
     health = assess(
         estimate(verdict="departed", reasons=(WindowUnusable("the current is 12 % higher"),)),
         LIMITS,

@@ -66,7 +66,7 @@ def same(a: Estimate, b: Estimate) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_faults_are_found(estimates, case):
+def test_faults_are_identified(estimates, case):
     estimate, truth = estimates(case), fault_vector(CASES[case])
     assert estimate.valid
     assert (estimate.reason == "") == (case not in DOUBTS)
@@ -79,14 +79,14 @@ def test_faults_are_found(estimates, case):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["friction high", "backlash low", "multiple", "wide"])
-def test_faults_are_found_for_any_course_the_pwm_takes(stirred_estimates, case):
+def test_faults_are_identified_for_any_course_of_the_pwm(stirred_estimates, case):
     faults = stirred_estimates(case).faults
     assert estimation_error(faults, fault_vector(CASES[case])) < LIMITS[case]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_faults_are_as_far_off_as_their_sigma_states(estimates, case):
+def test_errors_of_faults_agree_with_their_sigma(estimates, case):
     """Measured: up to 2.2 sigma; all faults together are the worst case."""
     estimate, truth = estimates(case), fault_vector(CASES[case])
     observable, sigma = ~estimate.unobservable, np.array(estimate.sigma)
@@ -134,12 +134,12 @@ def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
     assert np.max(off) < 0.01
 
 
-def test_healthy_actuator_fits_as_a_healthy_one(estimates):
+def test_healthy_actuator_has_a_healthy_fit(estimates):
     # The residual is that of one window, of about 5000 / 20 values: 6 % of scatter.
     assert estimates("healthy").goodness_of_fit == pytest.approx(1.0, abs=0.25)
 
 
-def test_estimate_states_where_it_comes_from(estimates, windows_of, calibration):
+def test_estimate_states_its_origin(estimates, windows_of, calibration):
     estimate = estimates("friction low")
     [window] = windows_of(CASES["friction low"])
     assert (estimate.start_ns, estimate.end_ns) == (window.start_ns, window.end_ns)
@@ -149,7 +149,7 @@ def test_estimate_states_where_it_comes_from(estimates, windows_of, calibration)
     assert estimate.computing_time > 0.0
 
 
-def test_model_recognises_itself(healthy_windows, calibration, description):
+def test_model_identifies_its_own_response(healthy_windows, calibration, description):
     """A window simulated by the calibrated model leads back to its fault vector."""
     window = made_by(calibration, healthy_windows[0], TRUTH)
     estimate = identify(window, description, calibration)
@@ -187,7 +187,7 @@ def without_approach(cycle):
         ({"friction": 0.25}, -1.0, 2.0),
     ],
 )
-def test_unknown_place_in_the_play_is_estimated(
+def test_unknown_position_in_the_play_is_estimated(
     without_approach, calibration, description, faults, play, tolerance
 ):
     estimate = identify(without_approach(faults, play), description, calibration)
@@ -198,7 +198,7 @@ def test_unknown_place_in_the_play_is_estimated(
     assert estimate.covariance.shape == (8, 8)
 
 
-def test_same_seed_makes_the_same_estimate_wherever_the_unit_is_fitted(
+def test_same_seed_gives_the_same_estimate_wherever_the_unit_is_fitted(
     windows_of, calibration, estimates
 ):
     [window] = windows_of(CASES["multiple"])

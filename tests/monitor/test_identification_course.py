@@ -22,7 +22,7 @@ from .reference_cases import CASES
 
 
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
-def test_progress_falls_to_the_estimate(windows_of, calibration, description, algorithm):
+def test_progress_decreases_to_the_estimate(windows_of, calibration, description, algorithm):
     [window] = windows_of(CASES["gain high"])
     settings = SearchSettings(algorithm, budget=1000)
     identification = Identification(window, description, calibration, settings)
@@ -39,7 +39,7 @@ def test_progress_falls_to_the_estimate(windows_of, calibration, description, al
 
 
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
-def test_reported_evaluations_are_those_made(
+def test_reported_evaluations_equal_the_actual_ones(
     windows_of, calibration, description, counted, algorithm
 ):
     [window] = windows_of(CASES["wide"])
@@ -50,7 +50,7 @@ def test_reported_evaluations_are_those_made(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("is_play_known", [True, False])
-def test_no_budget_is_passed(windows_of, calibration, description, counted, is_play_known):
+def test_budget_is_never_exceeded(windows_of, calibration, description, counted, is_play_known):
     """The budget includes the evaluations for setting components to healthy."""
     [window] = windows_of(CASES["friction low"])
     window = window if is_play_known else replace(window, play=None)
@@ -63,7 +63,7 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, is_p
         assert estimate.evaluations == sum(counted) <= budget
 
 
-def test_optimizer_receives_a_good_cost_and_the_budget_less_what_the_estimate_needs(
+def test_optimizer_receives_a_good_cost_and_the_budget_less_the_evaluations_of_the_estimate(
     windows_of, calibration, description, monkeypatch
 ):
     every_hints = []
@@ -97,7 +97,7 @@ def test_cancelled_identification_has_no_estimate(windows_of, calibration, descr
 @pytest.mark.parametrize(
     ("case", "share"), [("healthy", 4.0), ("short circuit high", 0.6), ("multiple", 0.7)]
 )
-def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
+def test_faults_of_the_previous_window_save_evaluations_and_change_nothing_else(
     stirred_window, calibration, description, case, share
 ):
     window, truth = stirred_window(CASES[case], 3), fault_vector(CASES[case])
@@ -124,7 +124,7 @@ def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
 @pytest.mark.parametrize(
     ("case", "seed"), [("friction high", 0), ("eccentricity low", 1), ("wide", 0)]
 )
-def test_unrelated_faults_of_the_window_before_do_no_harm(
+def test_unrelated_faults_of_the_previous_window_do_no_harm(
     stirred_window, stirred_estimates, calibration, description, case, seed
 ):
     """They cost a descent, or a screen if the descent ends in a poor optimum."""
@@ -136,7 +136,7 @@ def test_unrelated_faults_of_the_window_before_do_no_harm(
     assert astray.fitness < 1.05 * cold.fitness
 
 
-def test_previous_estimate_that_is_no_fault_vector_is_refused(windows_of, calibration, description):
+def test_invalid_previous_estimate_is_refused(windows_of, calibration, description):
     [window] = windows_of(CASES["friction low"])
     for previous in (np.full(8, np.nan), np.full(8, 1.5), np.zeros(7)):
         with pytest.raises(ValueError, match=r"fault|expected"):
@@ -157,7 +157,7 @@ def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
         assert estimate.unobservable.all()
 
 
-def test_window_without_calibration_is_refused_with_what_is_missing(healthy_windows, description):
+def test_window_without_calibration_is_refused_with_the_missing_part(healthy_windows, description):
     window, missing = healthy_windows[0], "calibration.yaml is missing"
     estimate = identify(window, description, missing)
     assert (estimate.valid, estimate.reason) == (False, missing)

@@ -83,7 +83,7 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
     assert np.array_equal(degraded.faults, estimate.faults)
 
 
-def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, description):
+def test_sigma_agrees_with_derivatives_by_the_faults(windows_of, calibration, description):
     """Derivatives by eccentricity and phase, without the plane, give the same sigma.
 
     The noise of 1 A outweighs the allowance for the mismatch of the model.
@@ -117,7 +117,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     assert (high - low) / 2 == pytest.approx(1.28 * WIDTHS[1] * width, rel=0.15)
 
 
-def test_single_window_does_not_determine_the_fit_and_widens_as_the_worst_valid_one(
+def test_calibration_on_one_window_widens_sigma_like_the_worst_valid_fit(
     windows_of, healthy_windows, description
 ):
     """With a known scatter that puts the same residual at the limit, the result is the same."""

@@ -86,7 +86,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
     ],
     ids=["hardly moves", "sample period", "open", "jam", "dead sensor"],
 )
-def test_window_in_which_nothing_can_be_found_is_refused_regardless_of_what_is_forced(
+def test_hopeless_window_is_refused_even_if_forced(
     window, calibration, description, columns, texts, verdict, force
 ):
     unfit = changed(window, **columns(window.telemetry))
@@ -97,7 +97,7 @@ def test_window_in_which_nothing_can_be_found_is_refused_regardless_of_what_is_f
 
 
 @pytest.mark.parametrize("cause", ["jam", "open_phase_a", "dead_switch"])
-def test_defect_that_comes_up_within_a_window_is_named(window, calibration, description, cause):
+def test_defect_that_begins_within_a_window_is_named(window, calibration, description, cause):
     """It begins two fifths before the end: without current, the motor takes a while to stop."""
     actuator = SimulatedActuator()
     actuator.causes = {cause: Profile(1.0, start_s=0.3, end_s=0.3)}
@@ -122,7 +122,7 @@ def test_calibration_of_another_unit_is_refused_unless_forced(
     np.testing.assert_array_equal(estimate.faults, estimates("friction low").faults)
 
 
-def test_only_a_refusal_for_want_of_a_calibration_lacks_one(window, calibration, description):
+def test_only_a_refusal_for_lack_of_a_calibration_has_no_identity(window, calibration, description):
     """A drive that failed or stood still had its calibration in any case."""
     slower = changed(window, sample_period=2e-4)
     still = changed(window, **standing(window.telemetry, 22.0))
@@ -152,7 +152,7 @@ def test_part_of_a_window_is_estimated_with_the_wider_scatter(
     assert estimate.sigma.friction > estimates("friction low").sigma.friction
 
 
-def test_measured_current_that_is_no_number_is_refused(window, calibration, description):
+def test_measured_current_with_nan_is_refused(window, calibration, description):
     """A trigger accepts no NaN, but a window made otherwise may have one."""
     current = window.telemetry.current.copy()
     current[1234] = np.nan

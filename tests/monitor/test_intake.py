@@ -47,7 +47,7 @@ def seconds(flown: FlownDuty) -> float:
     return round(flown.hours * HOUR_S, 9)
 
 
-def test_duty_of_a_unit_that_was_taken_out_is_not_that_of_the_next():
+def test_duty_of_a_removed_unit_does_not_count_for_the_next():
     intake = Intake("flap", TriggerSettings(), OLD)
     intake.feed(block(0, 3000))
     intake.describe(NEW)
@@ -62,7 +62,7 @@ def test_duty_of_a_unit_that_was_taken_out_is_not_that_of_the_next():
     assert intake.take_use(OLD.unit_key, S).flown.hours == 0.0
 
 
-def test_units_that_come_and_go_without_end_are_not_all_kept():
+def test_units_that_come_and_go_are_kept_in_limited_number():
     intake = Intake("flap", TriggerSettings(), OLD)
     for number in range(30):
         intake.describe(replace(OLD, serial_number=str(number)))
@@ -70,7 +70,7 @@ def test_units_that_come_and_go_without_end_are_not_all_kept():
     assert [unit[1] for unit in intake.pieces(30 * S)] == [str(n) for n in range(20, 30)]
 
 
-def test_duty_of_a_window_is_that_up_to_its_end_and_the_rest_is_of_the_next():
+def test_duty_of_a_window_ends_with_it_and_the_rest_belongs_to_the_next():
     intake = Intake("flap", TriggerSettings(), OLD)
     window = window_in(intake.feed(cycle_block()))
     intake.feed(block(len(CYCLE), 1000))
@@ -83,7 +83,7 @@ def test_duty_of_a_window_is_that_up_to_its_end_and_the_rest_is_of_the_next():
     assert seconds(rest) == 0.1
 
 
-def test_count_before_the_description_is_of_the_unit_that_is_described():
+def test_count_before_the_description_belongs_to_the_unit_described_next():
     intake = Intake("flap", TriggerSettings())
     intake.count(("flap", ""), Count(S, 12.0, 3))
     intake.describe(OLD)
@@ -91,7 +91,7 @@ def test_count_before_the_description_is_of_the_unit_that_is_described():
     assert intake.take_use(OLD.unit_key, S).counted == Count(S, 12.0, 3)
 
 
-def test_measured_causes_reach_the_window_that_begins_after_and_the_duty():
+def test_measured_causes_apply_to_the_next_window_and_the_duty():
     intake = Intake("flap", TriggerSettings(), OLD, max_age_s=lambda: 2.0)
     intake.measure(S, {"load_torque": (0.1, 0.01), "winding_temperature": (30.0, 1.0)})
     window = window_in(intake.feed(cycle_block(S)))
@@ -101,7 +101,7 @@ def test_measured_causes_reach_the_window_that_begins_after_and_the_duty():
     assert aged.measured == ()
 
 
-def test_cause_measured_throughout_takes_the_place_of_that_in_the_log():
+def test_continuously_measured_cause_replaces_the_one_in_the_log():
     throughout = CauseEstimate("load_torque", 0.5, 0.1)
     intake = Intake("flap", TriggerSettings(), OLD, measured=[throughout])
     intake.measure(S, {"load_torque": (0.1, 0.01), "winding_temperature": (30.0, 1.0)})

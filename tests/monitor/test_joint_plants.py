@@ -26,7 +26,7 @@ def columns(name: str, **case):
 
 
 @pytest.mark.parametrize("name", plants.JOINTS)
-def test_doubled_friction_doubles_the_effort_that_follows_the_direction(name):
+def test_doubled_friction_doubles_the_effort_in_the_direction_of_motion(name):
     joint = plants.JOINTS[name]
     speed, healthy, dry = columns(name)
     _, worn, dry_worn = columns(name, friction=2.0)
@@ -50,7 +50,7 @@ def test_weaker_motor_needs_more_current_in_the_same_motion(name):
     assert np.std(weak) / np.std(healthy) == pytest.approx(1.0 / 0.9, rel=0.01)
 
 
-def test_worm_gear_locks_itself_where_a_harmonic_drive_falls():
+def test_worm_gear_is_self_locking_and_a_harmonic_drive_is_not():
     at, still = np.zeros((1000, 3)), constant_conditions(1000)
     at[:, 0] = 1.0
     fallen = {}
@@ -107,7 +107,7 @@ def test_healthy_records_are_spread_over_days():
     assert {day for day, _ in days} == {0, 1, 3}
 
 
-def test_joints_held_out_are_others():
+def test_held_out_joints_differ_from_the_others():
     assert not plants.DEVELOPMENT.keys() & plants.HELD_OUT.keys()
     assert len(plants.DEVELOPMENT) >= 8
     assert len(plants.HELD_OUT) >= 4
@@ -132,7 +132,7 @@ def joints() -> ModuleType:
         ({}, (), "missed"),
     ],
 )
-def test_outcome_of_a_weak_motor(joints, changed, figures, expected):
+def test_outcome_of_a_weak_motor_is_reported(joints, changed, figures, expected):
     quantities = {
         name: {"judgement": "unchanged", "rivals": []} for name in joints.NAMES.values()
     } | {name: {"judgement": "changed", "rivals": rivals} for name, rivals in changed.items()}
@@ -140,7 +140,7 @@ def test_outcome_of_a_weak_motor(joints, changed, figures, expected):
     assert joints.outcome({"kind": "torque", "ours": ours}) == expected
 
 
-def test_least_squares_find_friction_of_a_stage(joints, tmp_path):
+def test_least_squares_identify_the_friction_of_a_stage(joints, tmp_path):
     unit = plants.Unit("screw")
     healthy = [unit.write(unit.record(0, i), tmp_path, f"{i}") for i in range(3)]
     found = joints.LeastSquares(unit.joint, healthy)

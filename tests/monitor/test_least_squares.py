@@ -54,7 +54,7 @@ def screens(batches):
     return [first - batches[0].shape[1], *others]
 
 
-def test_screen_is_a_latin_hypercube_about_the_start():
+def test_screen_is_a_latin_hypercube_around_the_start():
     start = np.linspace(0.0, 1.0, D)
     batches, _ = search(valley, start)
     [first] = [
@@ -88,7 +88,7 @@ def test_better_half_of_the_descents_continues_until_one_is_left(screen):
     assert len(sizes) >= 6
 
 
-def test_good_start_takes_no_screen():
+def test_good_start_needs_no_screen():
     start = CENTRE + 0.01 * np.random.default_rng(5).normal(size=D)
     batches, progress = search(valley, start, good_cost=1e-6)
     assert screens(batches) == [1]
@@ -131,7 +131,7 @@ def two_valleys(x):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_larger_screen_finds_what_the_start_does_not(seed):
+def test_larger_screen_finds_a_distant_optimum(seed):
     """The valley in the corner takes up half a per cent of the box."""
     start = np.full(3, 0.52)
     _, stays = search(two_valleys, start, seed=seed, good_cost=0.3)
@@ -144,7 +144,7 @@ def test_larger_screen_finds_what_the_start_does_not(seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_fair_optimum_that_a_second_search_improves_is_searched_on(seed):
+def test_fair_optimum_that_a_second_search_improves_is_searched_further(seed):
     """The search continues to the largest screen, unless it finds a good cost."""
     start = np.full(3, 0.52)
     batches, found = search(two_valleys, start, seed=seed, good_cost=1e-15, fair_cost=0.3)
@@ -153,7 +153,7 @@ def test_fair_optimum_that_a_second_search_improves_is_searched_on(seed):
 
 
 @pytest.mark.parametrize("component", [0, 5])
-def test_column_without_derivative_leaves_its_component(component):
+def test_component_without_a_finite_derivative_is_unchanged(component):
     """The residuals are NaN as soon as one component leaves its start."""
     start = np.full(D, 0.5)
 

@@ -53,7 +53,7 @@ def test_lost_samples_are_bridged_and_flagged(share: float):
     np.testing.assert_array_equal(record.position[measured], whole.position[chosen][measured])
 
 
-def test_interpolated_steps_are_no_resolution_of_the_sensor():
+def test_interpolated_steps_do_not_count_as_resolution_of_the_sensor():
     """Otherwise a sensor that toggles by its step at rest would never rest."""
     step = 2e-3
     toggling = step * (np.arange(600) % 7 == 0)
@@ -64,7 +64,7 @@ def test_interpolated_steps_are_no_resolution_of_the_sensor():
     assert len(found_in(pieces(whole, lost))) == len(found_in([whole])) == 2
 
 
-def test_stamps_that_contradict_the_gap_are_no_short_gap():
+def test_stamps_that_contradict_the_gap_prevent_bridging():
     whole = telemetry(sine(10.0))
     first, second = whole.part(0, 400), whole.part(402, 1000)
     assert lost_between(first, second) is not None
@@ -74,7 +74,7 @@ def test_stamps_that_contradict_the_gap_are_no_short_gap():
     assert lost_between(first, replace(second, speed=np.empty(0))) is None
 
 
-def test_joined_blocks_keep_what_is_interpolated():
+def test_joined_blocks_keep_their_interpolation_flags():
     whole = telemetry(sine(3.0))
     lost = np.zeros(len(whole), dtype=bool)
     lost[[50, 51, 120]] = True

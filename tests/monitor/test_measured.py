@@ -44,7 +44,7 @@ def error(estimate: Estimate, faults) -> float:
         (FRICTION, {"winding_temperature": 60.0}, {"winding_temperature": (60.0, 3.0)}),
     ],
 )
-def test_faults_next_to_a_measured_cause_are_as_without(
+def test_faults_next_to_a_measured_cause_are_as_accurate_as_without(
     calibration, description, faults, causes, measured
 ):
     """This holds also if the measurement is off by one sigma."""
@@ -56,7 +56,7 @@ def test_faults_next_to_a_measured_cause_are_as_without(
 
 
 @pytest.mark.slow
-def test_measured_load_and_another_inertia_are_no_short_circuits(calibration, description):
+def test_measured_load_and_different_inertia_are_no_short_circuits(calibration, description):
     window = recorded({"friction": 0.2}, {"load_torque": 0.2, "inertia": 0.2})
     estimate = identify(window, description, calibration, measured={"load_torque": (0.2, 0.01)})
     assert [cause.name for cause in estimate.causes] == ["inertia"]
@@ -96,7 +96,7 @@ def test_measured_sigma_is_part_of_the_uncertainty(calibration, description):
     assert sure < 0.5 * unsure
 
 
-def test_other_distances_take_the_measured_value(calibration, description):
+def test_other_distances_use_the_measured_value_without_its_sigma(calibration, description):
     """They have no noise with which to weigh the sigma."""
     window = recorded({}, LOAD)
     settings = SearchSettings(fitness="least_squares")
@@ -155,7 +155,7 @@ def test_impossible_measurement_is_refused_by_name_and_value(given, printed):
         (["inertia=0:1", "inertia=0:2"], "inertia is given more than once"),
     ],
 )
-def test_text_of_no_measurement_is_refused(texts, printed):
+def test_text_that_is_not_a_measurement_is_refused(texts, printed):
     with pytest.raises(ValueError, match=printed):
         measured_causes_of(texts)
 
@@ -166,7 +166,7 @@ def test_measured_causes_have_the_order_of_the_model():
     assert set(HIDDEN_CAUSES) >= {one.name for one in found}
 
 
-def test_latest_measurement_of_each_cause_at_the_start_holds():
+def test_latest_measurement_of_each_cause_at_the_start_applies():
     log = MeasurementLog()
 
     def add(stamp_s: float, **given: float) -> None:

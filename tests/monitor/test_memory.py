@@ -35,7 +35,7 @@ def surprise(memory: Memory, friction: float = 0.2, **causes: float) -> float:
     return memory.surprise(fault_vector({"friction": friction})[None], values).item()
 
 
-def test_what_is_known_is_forgotten_at_the_pace_at_which_it_may_change():
+def test_remembered_values_widen_at_the_pace_of_possible_changes():
     memory = NOTHING.updated(reported(10, INERTIA))
     pace = SLOW["inertia"]
     for months in (0.0, 1.0, 12.0):
@@ -53,7 +53,7 @@ def test_test_before_the_latest_one_is_identified_alone_and_changes_nothing():
     assert memory.updated(reported(11, stretches=3)) is memory
 
 
-def test_only_causes_that_a_test_has_separated_are_expected_of_the_next_test():
+def test_only_separated_causes_are_expected_of_the_next_test():
     pair = Alternative(("inertia",), ("torque_constant",))
     doubtful = NOTHING.updated(reported(1, INERTIA, alternatives=(pair,)))
     assert (doubtful.expected, doubtful.causes["inertia"]) == ((), INERTIA)
@@ -67,7 +67,7 @@ def test_only_causes_that_a_test_has_separated_are_expected_of_the_next_test():
 
 
 @pytest.mark.parametrize("cause", ["viscous_friction", "friction_ripple", "stribeck"])
-def test_doubt_about_a_cause_leaves_faults_of_a_similar_name_in_memory(cause):
+def test_doubt_about_a_cause_does_not_affect_a_fault_with_a_similar_name(cause):
     """The label of the fault is part of the label of the cause."""
     pair = Alternative(("inertia",), (cause,))
     memory = NOTHING.updated(reported(1, INERTIA, alternatives=(pair,)))
@@ -85,7 +85,7 @@ def test_doubt_about_equal_shorts_makes_all_phases_doubtful_and_nothing_else(cau
     assert np.isfinite(memory.variances[FRICTION])
 
 
-def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_square():
+def test_fault_may_grow_at_no_cost_and_a_jump_costs_a_limited_part_of_its_square():
     memory = NOTHING.updated(reported(1)).before(2 * DAY)
     assert surprise(memory, friction=0.9) == pytest.approx(0.0)
     assert surprise(memory, friction=0.19) < 0.5
@@ -96,7 +96,7 @@ def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_sq
     assert surprise(memory, load_torque=1.0) == 0.0
 
 
-def test_what_a_window_contradicts_is_not_remembered():
+def test_values_that_a_window_contradicts_are_not_remembered():
     memory = NOTHING.updated(reported(1, INERTIA)).before(2 * DAY)
     assert memory.left_by(reported(2, INERTIA._replace(value=0.16))) is memory
     assert memory.left_by(reported(2, INERTIA._replace(value=0.0))).expected == ()
@@ -124,7 +124,7 @@ def followed(
     return [state.estimate for state in states if isinstance(state, Diagnosed)]
 
 
-def test_equal_shorts_are_separated_from_a_weaker_motor_by_when_they_came(shorted, calibration):
+def test_equal_shorts_are_separated_from_a_weaker_motor_by_their_onset(shorted, calibration):
     """The window alone names the torque constant, a single cause; neither is certain."""
     *_, last = followed(Diagnosis(), shorted, calibration)
     assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.1, abs=0.02)
@@ -136,7 +136,7 @@ def test_equal_shorts_are_separated_from_a_weaker_motor_by_when_they_came(shorte
     assert not last.warm_start
 
 
-def test_history_of_a_unit_becomes_its_memory_and_gives_the_same_bits(shorted, calibration):
+def test_history_of_a_unit_gives_a_bit_identical_memory(shorted, calibration):
     live = followed(Diagnosis(), shorted, calibration)
     restarted = Diagnosis()
     for test in live[:-1]:

@@ -54,7 +54,7 @@ def test_fast_form_converges_with_its_step(faults):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_individuals_of_one_call_do_not_know_each_other(form):
+def test_individuals_of_a_call_do_not_affect_each_other(form):
     """Alone, in another order or lane, or next to padding, results are bit-identical."""
     rng = np.random.default_rng(5)
     n = 2 * LANES + 3
@@ -74,7 +74,7 @@ def test_individuals_of_one_call_do_not_know_each_other(form):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_undefined_individual_spoils_no_other(form):
+def test_undefined_individual_affects_no_other(form):
     rng = np.random.default_rng(6)
     n, undefined = LANES + 3, [2, LANES + 2]
     faults = np.stack([random_faults(rng) for _ in range(n)])
@@ -90,7 +90,7 @@ def test_undefined_individual_spoils_no_other(form):
     assert np.all(np.isnan(found.current[undefined]))
 
 
-def test_threads_may_run_the_model_at_once():
+def test_threads_may_run_the_model_concurrently():
     rng = np.random.default_rng(7)
     batches = [np.stack([random_faults(rng) for _ in range(3 * LANES)]) for _ in range(8)]
     window, model = window_from(CHIRP[:1000]), MonitorModel(PARAMETERS)
@@ -117,7 +117,7 @@ print(sum(run_lanes.stats.cache_hits.values()), len(run_lanes.stats.cache_misses
 
 
 @pytest.mark.slow
-def test_another_process_finds_the_kernels_in_the_cache_and_loads_no_more_than_it_uses():
+def test_another_process_loads_the_kernels_from_the_cache_and_only_those_it_uses():
     compile_kernels()
     done = subprocess.run(
         [sys.executable, "-c", USE], capture_output=True, text=True, check=True, timeout=100
@@ -131,9 +131,7 @@ def test_another_process_finds_the_kernels_in_the_cache_and_loads_no_more_than_i
     # current.
     [(-30, "BC"), (30, "AB"), (90, "AC"), (150, "BC"), (210, "AB"), (-90, "AC")],
 )
-def test_pair_is_that_of_equation_4_12_and_holds_up_to_where_the_next_one_begins(
-    from_degrees, pair
-):
+def test_pair_follows_equation_4_12_up_to_the_beginning_of_the_next_one(from_degrees, pair):
     """This holds after any number of turns of the motor."""
     motor = constants(PARAMETERS).motor._replace(N_a=0.9, N_b=0.7, N_c=0.4)
     drive, width = drives.fast_constants(motor, 2e-5), math.pi / 3.0 / motor.P
@@ -148,7 +146,7 @@ def test_pair_is_that_of_equation_4_12_and_holds_up_to_where_the_next_one_begins
             )
 
 
-def test_speed_without_branches_is_that_with_them():
+def test_branchless_speed_equals_that_with_branches():
     rng = np.random.default_rng(9)
     m = constants(PARAMETERS).mechanics
     # Moving, about to stop, at rest; driven, held, barely held and barely not held.
@@ -162,7 +160,7 @@ def test_speed_without_branches_is_that_with_them():
             assert (lanes == 0.0) == (expected == 0.0)
 
 
-def test_angle_turned_in_steps_is_the_whole_angle():
+def test_angle_turned_in_steps_equals_the_whole_angle():
     """Half a second at the highest speed, 8000 rpm, in steps of the fast form."""
     angle, steps = 8000 * 2 * math.pi / 60 * FORMS["fast"], round(0.5 / FORMS["fast"])
     cos, sin = 1.0, 0.0

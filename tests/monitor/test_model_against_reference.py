@@ -43,9 +43,7 @@ def modelled(window, faults, lift, form="fast"):
 
 
 @pytest.mark.parametrize(("faults", "limit"), AGREEMENT)
-def test_smoothed_current_and_speed_are_those_of_the_actuator(
-    windows_of, calibration, faults, limit
-):
+def test_smoothed_current_and_speed_agree_with_the_actuator(windows_of, calibration, faults, limit):
     [window] = windows_of(faults)
     current, speed = (rows[0] for rows in modelled(window, faults, calibration.unit.lift))
     residual = window.current - current
@@ -86,7 +84,7 @@ def from_rest():
 
 @pytest.mark.parametrize("plays", [(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0)])
 @pytest.mark.parametrize("backlash", [0.3, 0.7])
-def test_start_in_the_play_shows_in_model_as_in_actuator(from_rest, backlash, plays):
+def test_start_in_the_play_affects_model_and_actuator_alike(from_rest, backlash, plays):
     one, other = (from_rest(play, backlash=backlash) for play in plays)
     actuator = band_limited(one[0] - other[0], H)
     model = band_limited(one[1] - other[1], H)
@@ -95,7 +93,7 @@ def test_start_in_the_play_shows_in_model_as_in_actuator(from_rest, backlash, pl
     assert rms(model) > 0.05
 
 
-def test_flank_or_centre_moves_the_actuators_current_by_the_ripple(from_rest):
+def test_flank_or_centre_changes_the_current_of_the_actuator_by_the_ripple(from_rest):
     """For a healthy unit, 0.15 A rms before smoothing; all but some mA is a different ripple."""
     centred, on_flank = (from_rest(play) for play in (0.0, 1.0))
     assert 0.10 < rms(centred[0] - on_flank[0]) < 0.19

@@ -43,9 +43,7 @@ def outlooks_in(events):
     return [event for event in events if isinstance(event, Outlook)]
 
 
-def test_estimates_are_those_of_the_windows_and_health_follows_with_its_service_hours(
-    blocks, windows
-):
+def test_estimates_equal_those_of_the_windows_and_health_has_their_service_hours(blocks, windows):
     monitor = Monitor(settings=TEN_HOURS)
     events = [*fed(monitor, blocks), *monitor.finish()]
     assert [type(event) for event in events] == [Diagnosed, Outlook] * 3

@@ -37,7 +37,7 @@ def course(start_ns: int, back_ns: int) -> list[tuple[int, float]]:
 
 
 @pytest.mark.parametrize("back_min", [5, 60, 1440])
-def test_clock_that_goes_back_leaves_no_level_of_before(back_min):
+def test_after_a_backward_step_of_the_clock_the_level_is_unknown(back_min):
     made = outlooks(Monitor(), course(PAST_NS, back_min * MINUTE_NS))
     assert [outlook.health.level for outlook in made] == [OK] * 3 + [STALE] * 3
     assert "the order of the tests is unknown" in made[-1].health.reason
@@ -73,7 +73,7 @@ def test_older_recording_does_not_replace_the_level_of_a_worn_unit():
     assert OK not in [outlook.health.level for outlook in made]
 
 
-def test_fault_shown_before_a_step_of_the_clock_is_not_shown_recently():
+def test_fault_shown_before_a_step_of_the_clock_is_not_recent():
     settings = PrognosisSettings(good_for_s=30.0)
     unit = Unit(History(*UNIT), settings)
     outlook = unit.update(made_test(0), None, settings)

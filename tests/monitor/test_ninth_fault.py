@@ -72,7 +72,7 @@ print("nine")
 
 
 @pytest.mark.slow
-def test_a_ninth_fault_is_simulated_identified_and_followed(tmp_path: Path):
+def test_ninth_fault_is_simulated_identified_and_tracked(tmp_path: Path):
     shutil.copytree(Path(ema_core.__file__).parent, tmp_path / "ema_core")
     registry = tmp_path / "ema_core" / "faults.py"
     text = registry.read_text()

@@ -24,7 +24,7 @@ def made(healthy_windows, calibration):
 
 @pytest.mark.parametrize("cartesian", [True, False])
 @pytest.mark.parametrize("fitness", FITNESS)
-def test_window_that_the_model_made_has_no_residual_at_its_faults(
+def test_window_simulated_by_the_model_has_zero_residuals_at_its_faults(
     made, calibration, fitness, cartesian
 ):
     objective = Objective(made, calibration, fitness, cartesian=cartesian)
@@ -36,7 +36,7 @@ def test_window_that_the_model_made_has_no_residual_at_its_faults(
 
 
 @pytest.mark.parametrize(("is_play_known", "dimension"), [(True, 8), (False, 9)])
-def test_unknown_place_in_the_play_is_a_ninth_component(
+def test_unknown_position_in_the_play_is_a_ninth_component(
     healthy_windows, calibration, is_play_known, dimension
 ):
     faults = {"backlash": 0.3}
@@ -52,7 +52,7 @@ def test_unknown_place_in_the_play_is_a_ninth_component(
     assert (np.sum(objective.residuals(elsewhere) ** 2) > 1e-6) == (not is_play_known)
 
 
-def test_residuals_are_those_of_the_fitness_in_the_calibrated_model(made, calibration):
+def test_residuals_equal_those_of_the_fitness_in_the_calibrated_model(made, calibration):
     objective = Objective(made, calibration, "least_squares")
     faults = fault_vector({"friction": 0.1})
     model = MonitorModel(calibration.parameters, calibration.form, calibration.dt, calibration.unit)
@@ -63,7 +63,7 @@ def test_residuals_are_those_of_the_fitness_in_the_calibrated_model(made, calibr
 
 
 @pytest.mark.parametrize("friction", [0.4, 1.0])
-def test_derivatives_are_central_differences_and_one_sided_at_the_walls(
+def test_derivatives_are_central_differences_and_one_sided_at_the_bounds(
     made, calibration, friction
 ):
     """A healthy actuator has most of its faults at the bounds."""
@@ -81,7 +81,7 @@ def test_derivatives_are_central_differences_and_one_sided_at_the_walls(
         assert np.any(at.jacobian[:, i])
 
 
-def test_linearisation_evaluates_as_often_as_it_states(made, calibration, counted):
+def test_linearisation_evaluates_as_often_as_stated(made, calibration, counted):
     objective = Objective(made, calibration)
     counted.clear()
     objective.linearise(np.full(objective.dimension, 0.3))
@@ -122,7 +122,7 @@ def test_every_point_of_the_box_is_a_fault_vector(coordinates):
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 1.0), (0.0, 1.0), (0.1, 0.05), (1.0, 0.9)])
-def test_eccentricity_beyond_one_is_drawn_back_along_its_direction(x, y):
+def test_eccentricity_beyond_one_is_projected_along_its_direction(x, y):
     point = np.full(8, 0.5)
     point[[ECCENTRICITY, ECCENTRICITY_PHASE]] = x, y
     [faults], _ = Coordinates(0.0, cartesian=True).decode(point[None])
@@ -133,14 +133,14 @@ def test_eccentricity_beyond_one_is_drawn_back_along_its_direction(x, y):
     assert np.sign(np.cos(phi)) == np.sign(2 * x - 1)
 
 
-def test_eccentricity_and_phase_in_the_plane():
+def test_eccentricity_and_phase_are_mapped_to_the_plane():
     """A phase of 0.75 is phi = pi / 2: zeta is entirely in y."""
     faults = fault_vector({"eccentricity": 0.4, "eccentricity_phase": 0.75})
     point = Coordinates(0.0, cartesian=True).encode(faults)
     assert point[[ECCENTRICITY, ECCENTRICITY_PHASE]] == pytest.approx([0.5, 0.7], abs=1e-15)
 
 
-def test_unknown_play_is_centred_unless_it_is_stated():
+def test_unknown_play_starts_at_the_centre_unless_given():
     coordinates = Coordinates(None, cartesian=True)
     places = [coordinates.encode(fault_vector({}), *play)[8] for play in ((-1.0,), (), (1.0,))]
     assert places == [0.0, 0.5, 1.0]

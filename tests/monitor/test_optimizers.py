@@ -89,7 +89,7 @@ def test_quadratic_is_solved(name, function, share):
     assert worst_of_most(costs) < (best_of_random(function) if name in IMPRECISE else fine)
 
 
-def test_best_of_many_minima_is_found_from_another(name):
+def test_global_minimum_is_reached_from_a_local_one(name):
     # Where 2 y + pi sin(2 pi y) = 0 near y = 1, in each component.
     start = CENTRE[:3] + 0.9095 / 3.0
     for step in 0.02 * np.concatenate([np.eye(3), -np.eye(3)]):
@@ -114,7 +114,7 @@ def test_points_are_within_the_box_in_any_dimension(name, d):
     assert last.cost < cost_at(outside, start)
 
 
-def test_minimum_in_a_corner_is_found(name):
+def test_minimum_in_a_corner_is_reached(name):
     """A healthy actuator has most of its faults at their bound."""
     corner = (np.arange(D) % 2).astype(float)
 
@@ -129,7 +129,7 @@ def test_minimum_in_a_corner_is_found(name):
         assert worst_of_most([np.max(np.abs(end.point - corner)) for end in ends]) < 1e-3
 
 
-def test_same_seed_makes_the_same_run_and_global_random_state_is_not_touched(name):
+def test_same_seed_gives_the_same_run_and_global_random_state_is_unchanged(name):
     expected = run(name, valley, seed=5, termination=SHORT)
     before = np.random.get_state(), random.getstate()  # noqa: NPY002
     np.random.seed(1)  # noqa: NPY002
@@ -145,14 +145,14 @@ def test_same_seed_makes_the_same_run_and_global_random_state_is_not_touched(nam
     assert after == seeded
 
 
-def test_first_point_asked_is_the_start(name):
+def test_first_evaluated_point_is_the_start(name):
     """Therefore no run ends with a higher cost than it started with."""
     assert np.array_equal(make(name, start=CENTRE).ask()[0], CENTRE)
     assert run(name, blind, start=CENTRE, termination=SHORT)[-1].cost == 0.0
 
 
 @pytest.mark.slow
-def test_region_without_cost_is_avoided(name):
+def test_region_without_a_finite_cost_is_avoided(name):
     """The cost is NaN beyond a wall as close to the minimum as a difference step."""
     beyond = 0.452
     centre = np.where(np.arange(D) == 0, 0.45, CENTRE)
@@ -167,7 +167,7 @@ def test_region_without_cost_is_avoided(name):
     assert worst_of_most([end.cost for end in ends]) < share * cost_at(walled, start)
 
 
-def test_without_any_cost_the_run_ends_and_states_so(name):
+def test_run_without_any_finite_cost_ends_and_reports_it(name):
     progress = run(name, lambda x: np.full_like(x, np.nan), termination=Termination(budget=5000))
     assert all(p.cost == np.inf for p in progress)
     assert progress[-1].evaluations <= 5000

@@ -53,7 +53,7 @@ def tell(optimizer, costs):
 
 
 @pytest.mark.parametrize(("name", "fewest"), FEWEST.items())
-def test_population_starts_all_over_the_box_and_has_a_least_size(name, fewest):
+def test_initial_population_fills_the_box_and_has_a_smallest_size(name, fewest):
     points = make(ALGORITHMS[name], population=400).ask()
     assert points.shape == (400, 5)
     # For 399 uniform numbers with mean 0.5 and variance 1/12: at least five sigma.
@@ -72,7 +72,7 @@ def test_population_starts_all_over_the_box_and_has_a_least_size(name, fewest):
 # Genetic algorithm
 
 
-def test_selection_takes_better_ones_more_often_as_expected_rounded_up_or_down():
+def test_selection_takes_better_individuals_more_often_with_expected_numbers_rounded_up_or_down():
     expected = expected_children(50, 85)
     assert np.sum(expected) == pytest.approx(85.0, rel=1e-12)
     assert expected[0] / expected == pytest.approx(np.sqrt(np.arange(1, 51)), rel=1e-12)
@@ -86,7 +86,7 @@ def test_selection_takes_better_ones_more_often_as_expected_rounded_up_or_down()
     assert np.mean(counts, axis=0) == pytest.approx(expected, abs=0.045)
 
 
-def test_elite_is_the_best_so_far_and_is_not_asked_again():
+def test_elite_is_the_best_so_far_and_is_not_evaluated_again():
     optimizer = make(GeneticAlgorithm)
     rng = np.random.default_rng(2)
     reported = []
@@ -171,7 +171,7 @@ def test_neighbourhoods_grow_until_the_swarm_improves():
     assert make(ParticleSwarm, population=5)._neighbours == 2
 
 
-def test_leader_is_the_best_of_other_particles_drawn_again():
+def test_leader_is_the_best_of_other_particles_drawn_each_time():
     optimizer = make(ParticleSwarm)
     tell(optimizer, np.arange(50.0)[::-1])
     draws = np.array([optimizer._leaders() for _ in range(400)])
@@ -182,7 +182,7 @@ def test_leader_is_the_best_of_other_particles_drawn_again():
     assert optimizer._leaders().tolist() == [49] * 49 + [48]
 
 
-def test_particle_goes_by_inertia_own_best_and_leader():
+def test_particle_moves_by_inertia_own_best_and_leader():
     optimizer = make(ParticleSwarm, np.full(2, 0.5), population=3)
     tell(optimizer, [3.0, 2.0, 1.0])
     before, v = optimizer.ask(), optimizer._v.copy()
@@ -227,7 +227,7 @@ def test_donor_is_the_best_plus_a_weighted_difference(cls, monkeypatch):
 
 
 @pytest.mark.parametrize("cls", [DifferentialEvolution, ThesisDifferentialEvolution])
-def test_trial_has_a_component_of_the_donor_at_least(cls):
+def test_trial_has_at_least_one_component_of_the_donor(cls):
     optimizer = make(cls, CR=0.0)
     for _ in range(10):
         tell(optimizer, np.random.default_rng(7).random(50))
@@ -240,7 +240,7 @@ def test_trial_has_a_component_of_the_donor_at_least(cls):
 
 
 @pytest.mark.parametrize("cls", [DifferentialEvolution, ThesisDifferentialEvolution])
-def test_trial_replaces_its_target_only_where_it_costs_less(cls):
+def test_trial_replaces_its_target_only_if_it_costs_less(cls):
     optimizer = make(cls, population=4)
     old = tell(optimizer, [1.0, 2.0, 3.0, np.inf])
     trials = tell(optimizer, [1.0, 1.5, np.inf, 7.0])
@@ -248,7 +248,7 @@ def test_trial_replaces_its_target_only_where_it_costs_less(cls):
     assert optimizer._costs.tolist() == [1.0, 1.5, 3.0, 7.0]
 
 
-def test_donor_outside_bounces_back_between_the_best_and_the_wall():
+def test_donor_outside_bounces_back_between_the_best_and_the_bound():
     optimizer = make(DifferentialEvolution)
     best = np.array([0.2, 0.2, 0.2, 0.2, 0.2])
     donors = np.tile([-1.0, -1e-9, 0.7, 1.1, 5.0], (1000, 1))
@@ -261,7 +261,7 @@ def test_donor_outside_bounces_back_between_the_best_and_the_wall():
         assert np.mean(share) == pytest.approx(0.5, abs=0.046)
 
 
-def test_thesis_reflects_at_0_and_ends_at_1():
+def test_thesis_reflects_at_0_and_clips_at_1():
     donors = np.array([[-0.3, 0.4, 1.7, -1.2, -0.0]])
     inside = make(ThesisDifferentialEvolution)._into_box(donors, START)
     assert inside.tolist() == [[0.3, 0.4, 1.0, 1.0, 0.0]]
@@ -283,7 +283,7 @@ def test_partners_of_the_thesis_may_coincide_and_the_donor_is_then_the_best(monk
 # Grey wolves
 
 
-def test_a_falls_linearly_from_2_to_0_and_stays():
+def test_coefficient_a_falls_linearly_from_2_to_0_and_stays():
     values = [shrinking(generation, 200) for generation in range(201)]
     assert (values[0], values[100], values[200]) == (2.0, 1.0, 0.0)
     assert np.diff(values) == pytest.approx(-0.01, abs=1e-12)
@@ -322,7 +322,7 @@ def test_leaders_are_the_three_best_so_far_of_the_pack():
         assert np.array_equal(optimizer._leaders, points[best])
 
 
-def test_wolf_goes_to_the_mean_of_points_about_its_leaders():
+def test_wolf_moves_to_the_mean_of_points_around_its_leaders():
     wolves = np.array([[0.4, 0.9]])
     leaders = np.array([[0.5, 0.1], [0.6, 0.2], [0.8, 0.3]])[:, None]
     # a = 1, r_1 = 0.75 and r_2 = 0.25 give A = 0.5 and C = 0.5.
@@ -333,7 +333,7 @@ def test_wolf_goes_to_the_mean_of_points_about_its_leaders():
     assert gone == pytest.approx(np.array([[first / 3.0, 0.0]]), abs=1e-15)
 
 
-def test_wolf_of_the_thesis_has_leaders_of_its_own():
+def test_each_wolf_of_the_thesis_has_its_own_leaders():
     optimizer = make(ThesisGreyWolf, population=1)
     assert not np.any(optimizer._leaders)
     tell(optimizer, np.inf)

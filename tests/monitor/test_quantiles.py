@@ -32,7 +32,7 @@ def test_quantiles_of_two_explanations_have_their_probability():
     assert below == pytest.approx(LEVELS, abs=1e-3)
 
 
-def test_interval_ends_where_the_range_does():
+def test_interval_is_limited_by_the_range():
     quantiles = quantiles_of(np.ones(1), np.zeros((1, N_FAULTS)), WIDTH[None])
     assert np.all(np.delete(quantiles, ECCENTRICITY_PHASE, axis=1)[0] == 0.0)
     assert quantiles[0, ECCENTRICITY_PHASE] == pytest.approx(-0.01645, abs=3e-5)

@@ -36,7 +36,7 @@ def columns(**values):
     return np.array([[values.get(name, 0.0) for name in COLUMNS]])
 
 
-def test_late_command_is_an_early_current_and_speed(healthy_windows):
+def test_late_command_appears_as_early_current_and_speed(healthy_windows):
     deviations, position = read(columns(command_delay=1e-3, current_delay=2e-4), healthy_windows[0])
     by_name = dict(zip(NAMES, deviations[0], strict=True))
     assert by_name["current_delay"] == pytest.approx(-8e-4)
@@ -44,14 +44,14 @@ def test_late_command_is_an_early_current_and_speed(healthy_windows):
     assert position[0] == healthy_windows[0].telemetry.position[0]
 
 
-def test_wrong_position_is_a_wrong_place_to_begin_at():
+def test_wrong_position_appears_as_a_wrong_initial_position():
     window = window_from(np.zeros(10), position=0.0102 * 1.02)
     _, position = read(columns(position_gain=0.02, position_offset=2e-4 * 1.02), window)
     assert position[0] == pytest.approx(0.01)
 
 
 @pytest.mark.slow
-def test_offset_within_what_friction_holds_is_no_fault(calibration, description):
+def test_offset_within_the_reach_of_friction_is_not_a_fault(calibration, description):
     """It is too small to be named: the fit at the start is worse, but the faults are healthy."""
     estimate = identify(recorded({}, {"position_offset": 0.4 * HELD}), description, calibration)
     assert np.array_equal(estimate.faults, healthy_faults())
@@ -71,7 +71,7 @@ def test_slow_sine_does_not_separate_a_small_gain_from_a_delay(calibration, desc
     assert abs(estimate.faults.gain - 0.5) < 1.5 * estimate.sigma.gain
 
 
-def test_travel_by_two_sensors_gives_the_ratio_of_their_gains():
+def test_travel_from_two_sensors_gives_the_ratio_of_their_gains():
     window = recorded({"backlash": 0.05}, {"position_gain": 0.02, "speed_offset": 1.0})
     found = travel_ratio(window, PARAMETERS)
     assert found is not None
@@ -89,13 +89,13 @@ def test_control_law_gives_the_offset_of_the_position_for_any_friction_and_load(
 
 
 @pytest.mark.parametrize(("name", "value"), [("speed_offset", -5.0), ("current_offset", 3.0)])
-def test_control_law_ascribes_offsets_of_other_sensors_to_them(calibration, name, value):
+def test_control_law_attributes_offsets_of_other_sensors_to_them(calibration, name, value):
     found = Relations.of(recorded({}, {name: value}), calibration)
     assert not found.are_healthy
     assert np.all(np.abs(found.residuals(columns(**{name: value}))) < 0.5)
 
 
-def test_nothing_is_stated_of_windows_at_rest_and_of_drives_with_another_law(healthy_windows):
+def test_nothing_is_stated_for_windows_at_rest_or_drives_with_another_law(healthy_windows):
     still = window_from(np.zeros(5001))
     assert travel_ratio(still, PARAMETERS) is None
     assert law_offset(still, PARAMETERS) is None
@@ -103,7 +103,7 @@ def test_nothing_is_stated_of_windows_at_rest_and_of_drives_with_another_law(hea
         assert law_offset(healthy_windows[0], PARAMETERS.replace(gains)) is None
 
 
-def test_relations_are_judged_against_the_healthy_windows(healthy_windows, calibration):
+def test_relations_are_judged_relative_to_the_healthy_windows(healthy_windows, calibration):
     """If the calibration lacks the healthy relations, nothing is stated."""
     window = healthy_windows[0]
     found = Relations.of(window, calibration)
@@ -117,7 +117,7 @@ def test_relations_are_judged_against_the_healthy_windows(healthy_windows, calib
     assert both[0, 0] == pytest.approx(found.residuals(columns())[0, 0])
 
 
-def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows, calibration):
+def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_windows, calibration):
     """Ten sigma count fully next to a residual of noise, or one ten times larger by mismatch."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
@@ -140,7 +140,7 @@ def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows
 
 
 @pytest.mark.slow
-def test_readings_measured_next_to_healthy_windows_are_not_of_the_unit(description):
+def test_readings_measured_in_healthy_windows_are_not_deviations_of_the_unit(description):
     """A calibration with measured causes learns the same unit as one without."""
     known = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
     value = {name: one[0] for name, one in known.items()}
@@ -175,7 +175,7 @@ def scaled(telemetry: Telemetry, **factors: float) -> Telemetry:
         ({"speed": PARAMETERS.tau}, "the speed is 0.002 times .*: was the gear ratio applied"),
     ],
 )
-def test_wrong_scale_is_named_and_no_fault_is_found_in_it(telemetry, factors, words):
+def test_wrong_scale_is_named_and_not_mistaken_for_a_fault(telemetry, factors, words):
     [window] = find_windows(scaled(telemetry, **factors))
     estimate = identify(window)
     assert not estimate.valid
@@ -199,7 +199,7 @@ def test_scale_that_columns_contradict_is_named(telemetry, factors, words):
     assert re.match(words, error_text(scale))
 
 
-def test_one_factor_of_all_columns_is_mistaken_for_friction(telemetry):
+def test_common_factor_of_all_columns_is_mistaken_for_friction(telemetry):
     of_all = dict.fromkeys(("command", "current", "position", "speed"), 1.05)
     [window] = find_windows(scaled(telemetry, **of_all))
     assert identify(window).faults.friction == pytest.approx(0.289, abs=0.005)
@@ -214,7 +214,7 @@ def test_late_position_changes_no_fault(telemetry):
 
 
 @pytest.mark.parametrize(("factor", "is_named"), [(1.0, False), (1.02, True)])
-def test_calibration_names_a_sample_period_that_is_not_that_of_the_motion(
+def test_calibration_names_a_sample_period_that_contradicts_the_motion(
     healthy_windows, factor, is_named
 ):
     h = 1e-4 * factor

@@ -59,7 +59,7 @@ REASONS = [made(kind) for kind in KINDS.values()]
 
 
 @pytest.mark.parametrize("reason", REASONS, ids=KINDS)
-def test_each_reason_has_a_sentence_with_its_figures(reason: Reason):
+def test_each_reason_has_a_sentence_with_its_values(reason: Reason):
     text = text_of(reason)
     assert text
     assert not text.endswith(".")
@@ -67,31 +67,31 @@ def test_each_reason_has_a_sentence_with_its_figures(reason: Reason):
 
 
 @pytest.mark.parametrize("reason", REASONS, ids=KINDS)
-def test_each_reason_comes_back_from_json(reason: Reason):
+def test_each_reason_is_restored_from_json(reason: Reason):
     counted = replace(reason, stretches=2, of_stretches=5)
     for one in (reason, counted):
         assert Reason.of_record(json.loads(json.dumps(one.as_record()))) == one
 
 
-def test_number_that_json_does_not_have_comes_back():
+def test_number_that_json_does_not_have_is_restored():
     reason = Reason.of_record({"code": "no_travel", "travel": None, "least": "inf"})
     assert isinstance(reason, NoTravel)
     assert math.isnan(reason.travel)
     assert reason.least == math.inf
 
 
-def test_stretches_in_which_a_reason_holds_are_counted_in_its_sentence():
+def test_stretches_with_the_same_reason_are_counted_in_its_sentence():
     reason = NotConverged(stretches=2, of_stretches=5)
     assert text_of(reason) == ("the search was stopped before it converged (in 2 of 5 stretches)")
 
 
-def test_codes_are_each_named_once():
+def test_codes_are_unique():
     reasons = (NotConverged(), MotorStill(), NotConverged(stretches=1, of_stretches=2))
     assert codes(reasons) == ("not_converged", "motor_still")
     assert joined(reasons).count("; ") == 2
 
 
-def test_reasons_that_differ_only_in_figures_are_of_one_kind():
+def test_reasons_that_differ_only_in_numbers_are_of_one_kind():
     assert NoTravel(0.1, 0.5).kind == NoTravel(0.2, 0.5).kind
     assert NotMeasured("speed").kind != NotMeasured("current").kind
     tau, other = (OtherUnit((("tau", value, 0.3),)) for value in (0.1, 0.2))

@@ -152,7 +152,7 @@ def test_motion_without_rest_ends_at_twice_record_s_and_loses_no_sample():
 
 
 @pytest.mark.parametrize("more", range(-4, 5))
-def test_telemetry_that_ends_where_a_full_record_does_gives_the_record(more: int):
+def test_telemetry_that_ends_with_a_full_record_gives_the_record(more: int):
     settings = TriggerSettings()
     whole = telemetry(sine(2.0 * settings.record_s + more * H))
     (record,) = spans(events_of(whole, 20, settings))
@@ -203,7 +203,7 @@ def test_rejected_block_and_changed_description_end_a_record():
     assert record.description == other
 
 
-def test_two_units_that_publish_in_turns_make_no_record():
+def test_two_units_that_publish_alternately_give_no_record():
     """Samples whose index goes back and forth come from two publishers."""
     whole, finder = telemetry(sine(20.0)), WindowFinder(TriggerSettings(), UNKNOWN)
     events = list[Segment | Defect]()
@@ -217,7 +217,7 @@ def test_two_units_that_publish_in_turns_make_no_record():
 
 @pytest.mark.parametrize("amplitude", [0.03, 0.3, 3.0])
 @pytest.mark.parametrize("noise", [0.0, 0.3 * QUANTUM])
-def test_encoder_of_12_bits_that_toggles_at_rest_rests(amplitude: float, noise: float):
+def test_12_bit_encoder_that_toggles_at_rest_counts_as_resting(amplitude: float, noise: float):
     ideal = np.concatenate([rest(20.0), sine(8.0, amplitude), rest(20.0)]) + 0.5 * QUANTUM
     random = np.random.default_rng(3)
     position = ideal + noise * random.standard_normal(len(ideal))
@@ -229,7 +229,7 @@ def test_encoder_of_12_bits_that_toggles_at_rest_rests(amplitude: float, noise: 
 
 @pytest.mark.parametrize("sigma", [1e-6, 1e-4, 3e-3])
 @pytest.mark.parametrize("h", [0.04, 0.01, 0.001])
-def test_noise_at_rest_is_no_motion(sigma: float, h: float):
+def test_noise_at_rest_is_not_motion(sigma: float, h: float):
     ideal = np.concatenate([rest(120.0, h), sine(8.0, h=h), rest(120.0, h)])
     position = ideal + sigma * np.random.default_rng(4).standard_normal(len(ideal))
     [span] = seconds(events_of(telemetry(position, h), round(1.0 / h)), h)
@@ -254,7 +254,7 @@ def test_small_motion_after_a_large_one_belongs_to_the_record():
     assert end == pytest.approx(27.5, abs=0.1)
 
 
-def test_hours_of_rest_take_no_memory_and_make_no_record():
+def test_hours_of_rest_use_no_memory_and_give_no_record():
     trigger = RecordTrigger(UNKNOWN.parameters)
     noise = 1e-4 * np.random.default_rng(5).standard_normal(6000)
     drift = np.linspace(0.0, 2e-4, 6000)
@@ -269,7 +269,7 @@ def test_hours_of_rest_take_no_memory_and_make_no_record():
 
 @pytest.mark.parametrize(("h", "longest_s"), [(1e-4, 20.0), (2e-3, 120.0)])
 @pytest.mark.parametrize("size", [1, 1000])
-def test_memory_is_bounded_at_any_rate_and_size_of_blocks(h: float, longest_s: float, size: int):
+def test_memory_is_limited_at_any_rate_and_size_of_blocks(h: float, longest_s: float, size: int):
     """At 10 kHz, a record of motion without rest has 20 s; at 500 Hz, it has 120 s."""
     seconds_fed = 1.1 * longest_s
     if size == 1:
@@ -300,7 +300,7 @@ def test_drive_without_position_command_is_recorded_by_its_position():
 
 
 @pytest.mark.parametrize("command", ["constant", "equal", "noise"])
-def test_command_does_not_matter(command: str):
+def test_command_does_not_affect_the_records(command: str):
     position = np.concatenate([rest(2.0), sine(6.0), rest(8.0)])
     whole = telemetry(position)
     random = np.random.default_rng(6)
@@ -313,7 +313,7 @@ def test_command_does_not_matter(command: str):
 
 
 @pytest.mark.parametrize("windows", ["test_cycle", ANY_MOTION])
-def test_record_is_no_stretch_regardless_of_the_windows_asked_for(windows: str):
+def test_record_is_never_a_stretch_for_any_requested_windows(windows: str):
     events = events_of(telemetry(sine(6.0)), settings=TriggerSettings(windows=windows))
     [record] = events
     assert isinstance(record, Segment)
@@ -331,7 +331,7 @@ def test_record_is_no_stretch_regardless_of_the_windows_asked_for(windows: str):
         ),
     ],
 )
-def test_piece_without_enough_motion_is_passed_over_with_the_reason(
+def test_piece_without_enough_motion_is_ignored_with_the_reason(
     position: NDArray[np.float64], reason: str
 ):
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
@@ -345,7 +345,7 @@ def test_piece_without_enough_motion_is_passed_over_with_the_reason(
     assert finder.shortfall == finder.obstacle == reason
 
 
-def test_telemetry_in_short_pieces_states_so():
+def test_telemetry_in_short_pieces_is_reported():
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
     for number in range(8):
         finder.feed(telemetry(sine(1.0), first_index=1 + 250 * number))
@@ -362,7 +362,7 @@ def chirps(count: int) -> Telemetry:
     return actuator.advance(np.tile(cycle, count))
 
 
-def test_ten_test_cycles_are_one_record_and_a_single_one_is_passed_over():
+def test_ten_test_cycles_are_one_record_and_a_single_one_is_ignored():
     ten = chirps(10)
     [(first, count, _)] = spans(events_of(ten))
     assert count >= 0.95 * len(ten)
@@ -386,7 +386,7 @@ def test_stamps_that_contradict_the_sample_period_refuse_the_record():
 
 
 @pytest.mark.parametrize("size", [1, 7, 250])
-def test_record_is_stamped_by_the_block_that_it_begins_in(size: int):
+def test_record_has_the_stamp_of_the_block_in_which_it_begins(size: int):
     """The clock drifts by 100 ppm: a cut of joined blocks has the stamp of its own block."""
     position = np.concatenate([rest(20.0), sine(6.0), rest(8.0)])
     whole, finder = telemetry(position), WindowFinder(TriggerSettings(), UNKNOWN)
@@ -408,7 +408,7 @@ def test_rate_too_high_for_a_record_is_named():
 
 
 @pytest.mark.parametrize("first_index", [2**53, 2**63 - 300, 2**63, 2**64 - 700])
-def test_record_is_found_wherever_the_running_index_is(first_index: int):
+def test_record_is_detected_at_any_running_index(first_index: int):
     position = np.concatenate([rest(1.0), sine(4.0), rest(7.0)])
     lengths = []
     for index in (first_index, 4 + first_index % 4):
@@ -446,7 +446,7 @@ def test_position_that_stands_still_although_the_command_moves_is_a_record(size)
     assert not events_of(seized(1.5), size)
 
 
-def test_position_that_seizes_on_the_way_is_a_second_record():
+def test_position_that_seizes_in_motion_is_a_second_record():
     moving, stuck = sine(20.0), seized(30.0, 0.0).position
     whole = telemetry(np.concatenate([moving, stuck]))
     whole = replace(whole, command=sine(50.0))
@@ -457,13 +457,13 @@ def test_position_that_seizes_on_the_way_is_a_second_record():
     assert second.end_ns == whole.stamp_at(len(whole) - 1)
 
 
-def test_rest_and_a_position_without_a_command_are_no_standstill():
+def test_rest_and_a_position_without_a_command_are_not_a_standstill():
     stuck = seized(30.0)
     for quiet in (replace(stuck, command=np.empty(0)), replace(stuck, command=rest(30.0))):
         assert not events_of(quiet)
 
 
-def test_memory_of_a_standstill_is_bounded():
+def test_memory_of_a_standstill_is_limited():
     trigger = RecordTrigger(UNKNOWN.parameters, TriggerSettings(record_s=20.0))
     whole, most = seized(200.0), 0
     for start in range(0, len(whole), 10):
@@ -472,7 +472,7 @@ def test_memory_of_a_standstill_is_bounded():
     assert most * H < 23.0
 
 
-def test_longer_rest_belongs_to_a_record_when_the_setting_states_so():
+def test_longer_rest_belongs_to_a_record_if_the_setting_allows_it():
     work = np.concatenate([rest(3.0), *[part for _ in range(4) for part in (sine(6.0), rest(8.0))]])
     apart = seconds(events_of(telemetry(work)))
     assert len(apart) == 4
@@ -594,7 +594,7 @@ def test_records_with_long_rests_keep_the_right_samples_for_any_size_of_blocks(s
     assert results[0] == results[1] == results[2]
 
 
-def test_rests_of_a_record_take_little_memory():
+def test_rests_of_a_record_use_little_memory():
     """At most the joined blocks at the ends of each rest remain, 6.4 s each."""
     trigger = RecordTrigger(UNKNOWN.parameters, TriggerSettings(record_s=40.0, record_rest_s=600.0))
     whole = telemetry(paused_work(400.0))
@@ -606,7 +606,7 @@ def test_rests_of_a_record_take_little_memory():
 
 
 @pytest.mark.parametrize("sizes", [10, 1000])
-def test_joint_that_seizes_in_a_pause_of_its_work_is_found_after_5_s(sizes: int):
+def test_joint_that_seizes_in_a_pause_of_its_work_is_detected_after_5_s(sizes: int):
     work = paused_work(60.0)
     whole = telemetry(work)
     moving = round((3.0 + 6.0 + 20.0) / H)

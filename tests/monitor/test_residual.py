@@ -20,13 +20,13 @@ def test_there_is_a_value_every_half_window():
     assert band_limited(np.zeros(5000), H).shape == (5000 * 2 // LENGTH - 1,)
 
 
-def test_straight_line_stays():
+def test_straight_line_is_unchanged():
     values = band_limited(3.0 - 40.0 * H * np.arange(300.0), H)
     assert values == pytest.approx(3.0 - 40.0 * centres(len(values)), rel=1e-12)
 
 
 @pytest.mark.parametrize("frequency", [20.0, 500.0, 777.0, 1000.0, 3100.0])
-def test_sine_is_damped_as_a_hann_window_does(frequency):
+def test_sine_is_attenuated_as_by_a_hann_window(frequency):
     """The transform of the window is three Dirichlet kernels, two of them half as large."""
     wave = np.sin(2 * np.pi * frequency * H * np.arange(5000) + 0.3)
     values = band_limited(wave, H)
@@ -41,7 +41,7 @@ def test_sine_is_damped_as_a_hann_window_does(frequency):
     assert values == pytest.approx(expected, abs=1e-7)
 
 
-def test_every_sample_counts_alike_but_for_those_near_the_ends():
+def test_every_sample_has_the_same_weight_except_near_the_ends():
     n = 10 * LENGTH
     response = band_limited(np.eye(n), H)
     counts = np.sum(response, axis=1)[LENGTH // 2 : -LENGTH // 2]
@@ -64,7 +64,7 @@ def test_short_row_has_at_least_one_value(n):
     assert values == pytest.approx(-2.0, rel=1e-12)
 
 
-def test_rows_are_taken_one_by_one():
+def test_rows_are_processed_independently():
     rows = np.random.default_rng(1).normal(size=(3, 4, 250))
     together = band_limited(rows, H)
     assert together.shape == (3, 4, 250 * 2 // LENGTH - 1)
@@ -73,7 +73,7 @@ def test_rows_are_taken_one_by_one():
         assert together[i, j] == pytest.approx(band_limited(rows[i, j], H), rel=1e-12, abs=1e-15)
 
 
-def test_samples_as_long_as_the_band_are_left_as_they_are():
+def test_samples_as_long_as_the_band_are_unchanged():
     """At 1 kHz, neighbours are averaged; from 1.5 ms on, a sample is itself a mean over a band."""
     row = np.random.default_rng(0).normal(size=50)
     assert band_limited(row, 1e-3) == pytest.approx((row[:-1] + row[1:]) / 2, rel=1e-12)

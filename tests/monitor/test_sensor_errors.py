@@ -76,7 +76,7 @@ def test_faults_are_right_next_to_an_error_of_a_sensor(faults, column, error, va
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [-5e-3, 6e-3])
-def test_error_of_a_sensor_at_the_end_of_the_search_is_refused(delay):
+def test_sensor_error_at_the_limit_of_the_search_is_refused(delay):
     estimate = estimated(RUBBING, "current", "delay", delay)
     assert not estimate.valid
     assert "a sensor error is too large to be corrected: delay of the current" in estimate.reason

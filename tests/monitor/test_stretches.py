@@ -61,21 +61,21 @@ def test_stretches_begin_where_the_motor_drives_the_shaft(motion, stretches):
         assert one.play == pytest.approx(play, abs=0.1)
 
 
-def test_rest_is_no_stretch_and_costs_none():
+def test_rest_gives_no_stretch_and_refuses_none():
     # The step to the first sample is motion; it has ended after a rest.
     trigger, events = fed(moved(np.full(10_000, 0.003)))
     assert events == []
     assert trigger.has_rested
 
 
-def test_less_than_the_least_travel_is_passed_over():
+def test_motion_below_the_smallest_travel_is_ignored():
     t = H * np.arange(1, 20_001)
     trigger, events = fed(moved(0.4 * MIN_TRAVEL * np.sin(2.0 * np.pi * 3.0 * t)))
     assert events == []
     assert trigger.passed_over >= 3
 
 
-def test_a_gap_ends_a_stretch_as_a_defect_and_no_refusal(motion):
+def test_gap_ends_a_stretch_as_a_defect_and_not_as_a_refusal(motion):
     parts = blocks(motion, 1000)
     trigger = StretchTrigger(FLAP.parameters, SETTINGS)
     events = [event for block in [*parts[:3], *parts[4:]] for event in trigger.feed(block)]
@@ -85,7 +85,7 @@ def test_a_gap_ends_a_stretch_as_a_defect_and_no_refusal(motion):
     assert trigger.finish() == []
 
 
-def test_the_finder_marks_stretches(motion):
+def test_finder_marks_stretches(motion):
     finder = WindowFinder(SETTINGS, FLAP)
     segments = [event for block in blocks(motion, 1000) for event in finder.feed(block)]
     assert segments

@@ -27,7 +27,7 @@ def test_all_work_is_done_once(tasks):
     assert sorted(done) == list(range(tasks))
 
 
-def test_two_pieces_of_work_run_at_the_same_time():
+def test_two_work_items_run_at_the_same_time():
     both = threading.Barrier(2, timeout=DEADLINE_S)
 
     def meet(_: int) -> None:
@@ -36,14 +36,14 @@ def test_two_pieces_of_work_run_at_the_same_time():
     run_in_threads(meet, 2)
 
 
-def test_single_piece_of_work_costs_no_thread(monkeypatch):
+def test_single_work_item_starts_no_thread(monkeypatch):
     monkeypatch.delattr(model_threads, "_pool")
     threads = []
     run_in_threads(lambda _: threads.append(threading.current_thread()), 1)
     assert threads == [threading.current_thread()]
 
 
-def test_failure_reaches_the_caller():
+def test_failure_is_raised_in_the_caller():
     both = threading.Barrier(2, timeout=DEADLINE_S)
     caller = threading.current_thread()
 
@@ -80,6 +80,6 @@ assert os.waitpid(child, 0)[1] == 0
 """
 
 
-def test_forked_process_has_threads_of_its_own():
+def test_forked_process_has_its_own_threads():
     command = [sys.executable, "-c", AFTER_A_FORK, f"{DEADLINE_S:g}"]
     subprocess.run(command, check=True, timeout=2 * DEADLINE_S)

@@ -41,7 +41,7 @@ def found(command, settings=None, parameters=PARAMETERS):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7, 5001, 2 * N])
-def test_windows_are_found_at_the_same_samples_regardless_of_the_blocks(size):
+def test_windows_are_at_the_same_samples_for_any_blocks(size):
     telemetry = stream(np.tile(CYCLE.samples, 2), first_index=41)
     trigger = WindowTrigger(PARAMETERS)
     windows = only(Window, feed(blocks(telemetry, size), trigger))
@@ -60,7 +60,7 @@ def test_windows_are_found_at_the_same_samples_regardless_of_the_blocks(size):
     assert trigger.finish() == []
 
 
-def test_approach_is_passed_over():
+def test_approach_is_ignored():
     """Its motion ends before a window is full; its duration is remembered."""
     trigger = WindowTrigger(PARAMETERS)
     assert trigger.feed(stream(CYCLE.samples[: CYCLE.start])) == []
@@ -69,7 +69,7 @@ def test_approach_is_passed_over():
     assert trigger.finish() == []
 
 
-def test_motion_one_way_is_passed_over_however_long():
+def test_one_way_motion_of_any_length_is_ignored():
     """An approach longer than a window does not show faults that need a reversal."""
     [window] = found(CYCLE.samples, TriggerSettings(window_s=0.3))
     assert window.telemetry.first_index > CYCLE.start
@@ -92,7 +92,7 @@ def test_window_begins_before_the_command_passes_the_threshold(threshold):
 
 
 @pytest.mark.parametrize(("rest", "windows"), [(0.0199, 0), (0.0202, 1)])
-def test_window_needs_rest_before(rest, windows):
+def test_window_needs_rest_before_it(rest, windows):
     """The motion of the previous wave ends in the first sample of the rest."""
     wave = 1e-3 * np.sin(2 * np.pi * 10 * H * np.arange(1, 2001))
     # 1e-4 rad from the end of the wave, so that the rest begins with a motion.
@@ -130,7 +130,7 @@ def approached(depth):
     ],
     ids=["no approach", "short", "long", "against"],
 )
-def test_place_in_the_play_is_known_after_an_approach(command, play):
+def test_position_in_the_play_is_known_after_an_approach(command, play):
     [window] = found(command)
     assert window.play == play
 
@@ -143,14 +143,14 @@ def test_jitter_of_the_command_does_not_move_the_start():
 
 
 @pytest.mark.parametrize("changes", [{}, {"BLK": 0.05}, {"tau": 0.004, "BLK": 0.01}, {"GAP": 0.01}])
-def test_own_cycle_always_determines_where_in_its_play_the_motor_stands(changes):
+def test_own_cycle_always_determines_the_position_of_the_motor_in_its_play(changes):
     parameters = PARAMETERS.replace(changes)
     cycle = build_cycle(THESIS_CHIRP, H, approach_depth(parameters)).samples
     [window] = found(cycle, parameters=parameters)
     assert window.play == 1.0
 
 
-def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
+def test_window_has_the_stamp_of_its_own_blocks_if_the_clock_drifts():
     """A clock fast by half a per cent is within tolerance, but matters over the approach."""
     drifting = [
         replace(block, stamp_ns=START_NS + round(1.005 * (block.stamp_ns - START_NS)))
@@ -277,7 +277,7 @@ def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
     assert refusal.reason == "the telemetry ends 0.199 s into the window of 0.5 s"
 
 
-def test_broken_stream_refuses_the_window_that_is_open(two_cycles):
+def test_interrupted_stream_refuses_the_open_window(two_cycles):
     """Only the receiver knows of the interruption, for example by a different source."""
     trigger = WindowTrigger(PARAMETERS)
     feed(two_cycles[:22], trigger)
@@ -308,7 +308,7 @@ def test_rest_and_approach_before_a_defect_do_not_count(two_cycles, lost, plays)
 @pytest.mark.parametrize(
     ("value", "expected"), [(math.nan, "finite numbers"), (1e300, "numbers below 1e[+]30")]
 )
-def test_samples_of_no_use_are_named_at_any_index(value: float, expected: str):
+def test_unusable_samples_are_named_at_any_index(value: float, expected: str):
     """An index of 64 bits plus one exceeds the integers of numpy."""
     columns = np.zeros((4, 100))
     columns[3, 7] = value

@@ -36,7 +36,7 @@ def jacobian():
 
 
 @pytest.mark.parametrize("lags", [0, 3])
-def test_covariance_is_that_of_newey_and_west(jacobian, lags):
+def test_covariance_agrees_with_newey_and_west(jacobian, lags):
     """P S P' with the pseudoinverse P; S has products of near residuals with Bartlett's weights.
 
     Without lags, it is White's covariance.
@@ -51,7 +51,7 @@ def test_covariance_is_that_of_newey_and_west(jacobian, lags):
 
 
 @pytest.mark.parametrize(("rho", "tolerance"), [(0.0, 0.15), (0.8, 0.25)])
-def test_covariance_is_what_experiments_scatter(rho, tolerance):
+def test_covariance_agrees_with_the_scatter_of_experiments(rho, tolerance):
     """1000 experiments determine a variance to 4.5 %.
 
     The residuals have lost three of the 98 stretches of 51 samples, which lowers it by up to 6 %.
@@ -73,7 +73,7 @@ def test_covariance_is_what_experiments_scatter(rho, tolerance):
     )
 
 
-def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
+def test_invisible_direction_is_unknown_and_affects_no_other(jacobian):
     """One component has no effect, and two others have the same effect."""
     residuals = 0.1 * np.random.default_rng(3).normal(size=N)
     alone = sandwich_covariance(jacobian, residuals, 5)
@@ -135,7 +135,7 @@ def test_phase_of_an_eccentricity_as_small_as_the_models_mismatch_is_unobservabl
 
 
 @pytest.mark.parametrize("name", ["friction", "short_circuit_b", "gain"])
-def test_component_no_better_known_than_by_its_range_is_unobservable(name):
+def test_component_known_no_better_than_its_range_is_unobservable(name):
     index = FAULT_NAMES.index(name)
     covariance = 1e-4 * np.eye(8)
     covariance[index, index] = (1.01 * UNOBSERVABLE_SIGMA / MISMATCH_FACTOR) ** 2
@@ -146,7 +146,7 @@ def test_component_no_better_known_than_by_its_range_is_unobservable(name):
     assert not np.any(uncertainty_of_faults(faults, covariance).unobservable)
 
 
-def test_unobservable_rows_and_columns_are_not_numbers():
+def test_unobservable_rows_and_columns_are_nan():
     covariance = 1e-4 * np.eye(8) + 1e-5
     covariance[2, 2] = 1.0
     result = uncertainty_of_faults(fault_vector({}), covariance)
@@ -170,7 +170,7 @@ def test_mismatch_of_the_model_widens_the_covariance_of_the_residuals():
     ("goodness", "factor"),
     [(0.5, 1.0), (USUAL_MISFIT, 1.0), (3 * USUAL_MISFIT, 3.0), (np.nan, 1.0)],
 )
-def test_a_poor_fit_widens_the_covariance_of_the_residuals(goodness, factor):
+def test_poor_fit_widens_the_covariance_of_the_residuals(goodness, factor):
     assert widening(goodness) == pytest.approx(factor, rel=1e-12)
 
 
@@ -215,7 +215,7 @@ def shown(model, offsets):
     return set(np.flatnonzero(result[:8])), result, point
 
 
-def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
+def test_component_5_sigma_off_stays_and_component_half_a_sigma_off_is_reset(model):
     kept, result, point = shown(model, {0: 5.0, 1: 0.5, 3: 5.0, 4: 0.5, 7: -5.0})
     assert kept == {0, 3, 7}
     expected = model[0].copy()
@@ -227,7 +227,7 @@ def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
 
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
 @pytest.mark.parametrize("component", [0, 3, 7])
-def test_limit_of_one_component_is_that_of_significance(model, component, share, stays):
+def test_limit_of_a_single_component_is_the_significance_limit(model, component, share, stays):
     """The limit is in standard deviations with the floor of the mismatch, as reported."""
     kept, _, _ = shown(model, {component: share * SIGNIFICANT_SIGMAS[component]})
     assert kept == ({component} if stays else set())
@@ -244,7 +244,7 @@ def test_healthy_actuator_shows_a_significant_fault_in_one_window_of_twenty():
 
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
 @pytest.mark.parametrize("angle", [0.0, 0.8, 4.0])
-def test_eccentricity_plane_is_one(model, angle, share, stays):
+def test_eccentricity_plane_is_tested_as_one(model, angle, share, stays):
     """The limit does not depend on the direction."""
     offset = share * SIGNIFICANT_SIGMAS[ECCENTRICITY]
     kept, _, point = shown(
@@ -256,7 +256,7 @@ def test_eccentricity_plane_is_one(model, angle, share, stays):
 
 
 @pytest.mark.parametrize("offset", [0.0, -25.0])
-def test_place_in_the_play_is_never_dropped(model, offset):
+def test_position_in_the_play_is_never_dropped(model, offset):
     if len(model[0]) == 9:
         _, result, point = shown(model, {1: 5.0, 8: offset})
         assert result[8]
@@ -264,7 +264,7 @@ def test_place_in_the_play_is_never_dropped(model, offset):
     assert all(8 not in group for group in GROUPS)
 
 
-def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
+def test_one_of_two_similar_components_takes_the_effects_of_both(model):
     """Elimination is stepwise: neither is significant alone, but both together are."""
     healthy, noise, jacobian = model
     alike = jacobian.copy()
@@ -276,7 +276,7 @@ def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
     assert point[1] == 0.0
 
 
-def test_component_without_trace_is_put_back(model):
+def test_component_without_effect_is_reset(model):
     healthy, noise, jacobian = model
     blind = jacobian.copy()
     blind[:, 2] = 0.0

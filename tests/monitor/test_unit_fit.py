@@ -83,7 +83,7 @@ def of_several(description):
 
 
 @pytest.mark.parametrize("name", UNITS)
-def test_deviation_of_a_unit_is_found(description, name):
+def test_deviation_of_a_unit_is_identified(description, name):
     """Its error is within the reported sigma, with windows of three commands.
 
     If a deviation is not worth fitting, sigma includes the omitted deviation and the prior.
@@ -101,7 +101,7 @@ def test_deviation_of_a_unit_is_found(description, name):
     assert calibration.model_rms < 0.01
 
 
-def test_several_commands_make_one_unit(of_several):
+def test_several_commands_give_one_unit(of_several):
     unit, windows, calibration = of_several
     assert calibration.windows == 5
     for name in ("lift", "friction", "inertia", "stribeck_speed"):
@@ -115,7 +115,7 @@ def test_several_commands_make_one_unit(of_several):
         assert rms(missed(calibration, window)[0]) < 0.025
 
 
-def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
+def test_second_command_determines_what_the_first_leaves_open(of_several, description):
     """A ramp travels further, and at constant speed."""
     _, windows, calibration = of_several
     chirp_alone = calibrate_model(windows[:2], description)
@@ -134,7 +134,7 @@ def test_deviation_that_the_windows_do_not_show_keeps_its_prior(description):
         assert sigma_of(calibration, name) <= 1.001 * prior.sigma, name
 
 
-def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
+def test_fit_at_a_bound_is_refused_with_name_and_value(description):
     """The description belongs to another actuator, whose friction is three times as high."""
     window = moved_by(MonitorModel(PARAMETERS.replace({"f_sm": 3.0 * PARAMETERS.f_sm})), CHIRP)
     with pytest.raises(ValueError, match="drives friction of the unit to its bound 1: ") as error:
@@ -155,7 +155,7 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
         calibrate_model([moved_by(MonitorModel(p), CHIRP)], description)
 
 
-def test_example_values_that_were_left_in_a_description_are_named(description):
+def test_example_values_left_in_a_description_are_named(description):
     """Only torque constant, inertia and limits of the actual motor were entered."""
     p = PARAMETERS
     strong = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
@@ -184,7 +184,7 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
         ("current", 0.0, r"little to do with .* \(correlation 0.00\): is it another column?"),
     ],
 )
-def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor, message):
+def test_wrong_column_is_refused_with_the_mistake(description, column, factor, message):
     window = made_by(Deviations(lift=0.125), CHIRP)
     wrong = changed(window, **{column: factor * getattr(window.telemetry, column)})
     words = rf"healthy actuator as described: the {column} .*{message.removesuffix('?')}[?]$"
@@ -298,7 +298,7 @@ def test_step_divides_the_sample_period(description, period):
     assert calibration.dt == pytest.approx(period / steps)
 
 
-def test_nothing_to_calibrate_on_is_refused(description):
+def test_calibration_without_windows_is_refused(description):
     with pytest.raises(ValueError, match="at least one healthy window"):
         calibrate_model([], description)
 
@@ -309,6 +309,6 @@ def test_windows_of_another_sample_period_are_refused(healthy_windows, descripti
         calibrate_model([healthy_windows[0], resampled], description)
 
 
-def test_window_without_excitation_is_no_calibration(description):
+def test_window_without_excitation_gives_no_calibration(description):
     with pytest.raises(ValueError, match=r"window 0: no excitation"):
         calibrate_model([window_from(np.full(11, 5e-6))], description)

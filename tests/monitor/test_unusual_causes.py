@@ -65,7 +65,7 @@ def test_equal_short_circuits_warn_although_they_look_like_a_weaker_motor(turns:
         ({}, {"position_gain": 0.05}, None),
     ],
 )
-def test_cause_beyond_its_usual_range_warns_found_or_measured(faults, causes, measured):
+def test_cause_beyond_its_usual_range_warns_if_estimated_or_measured(faults, causes, measured):
     health = judged(faults, causes, measured)
     assert health.level == WARN
     assert not health.health_index > 0.99
@@ -92,7 +92,7 @@ def test_usual_causes_leave_a_healthy_unit_ok(causes, measured):
 
 
 @pytest.mark.parametrize("name", USUAL_SIGMA)
-def test_bound_decides_and_of_a_degraded_estimate_the_value(name: str):
+def test_bound_decides_and_for_a_degraded_estimate_the_value(name: str):
     limit, sigma = usual_range(name), 0.2 * usual_range(name)
     beyond = CauseEstimate(name, -limit - (ONE_SIDED_95 * sigma + 1e-6), sigma)
     within = beyond._replace(value=-limit - (ONE_SIDED_95 * sigma - 1e-6))

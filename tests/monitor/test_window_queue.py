@@ -36,7 +36,7 @@ def names(items: list[Segment]) -> list[tuple[str, int]]:
     return [(item.description.actuator_id, item.number) for item in items]
 
 
-def test_any_number_waits_in_order_when_there_is_no_limit():
+def test_any_number_waits_in_order_without_a_limit():
     queue = WindowQueue()
     assert [queue.add(found(number), None) for number in range(100)] == [[]] * 100
     assert (len(queue), queue.dropped) == (100, {})
@@ -45,7 +45,7 @@ def test_any_number_waits_in_order_when_there_is_no_limit():
 
 
 @pytest.mark.parametrize("lowered", [False, True])
-def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place(lowered):
+def test_oldest_is_dropped_and_replaced_by_its_refusal(lowered):
     """A lowered limit applies from the next window on."""
     queue = WindowQueue()
     gone = [queue.add(found(n), None if lowered and n < 4 else 2) for n in range(5)]
@@ -62,7 +62,7 @@ def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place(lowered):
         assert (item.window.start_ns, item.window.end_ns) == (WINDOW.start_ns, WINDOW.end_ns)
 
 
-def test_stretches_of_motion_never_drop_a_test():
+def test_stretches_of_motion_never_displace_a_test():
     """Tests wait when the monitor is switched to ordinary motion, and many stretches follow."""
     queue = WindowQueue()
     for number in range(2):
@@ -76,7 +76,7 @@ def test_stretches_of_motion_never_drop_a_test():
     assert "more than 2 stretches waited" in getattr(left[2].window, "reason", "")
 
 
-def test_refusals_take_no_place():
+def test_refusals_do_not_count_against_the_limit():
     queue = WindowQueue()
     assert queue.add(found(0), 1) == []
     assert [queue.add(found(number, REFUSAL), 1) for number in (1, 2)] == [[], []]
@@ -143,7 +143,7 @@ def test_actuators_take_turns_so_that_a_busy_one_delays_each_other_by_one_window
     ]
 
 
-def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
+def test_flooding_actuator_is_served_as_often_as_the_others():
     """It makes ten windows while one is identified: each of the four gets its share."""
     queue, served = WindowQueue(), []
     quiet = ("a", "b", "c")
@@ -162,7 +162,7 @@ def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
     assert queue.dropped["busy"] == 1000 - 25 - 2
 
 
-def test_refusals_that_wait_are_bounded_and_those_given_up_are_counted():
+def test_waiting_refusals_are_limited_and_dropped_ones_are_counted():
     queue = WindowQueue()
     queue.add(found(0, of="a"), 2)
     for number in range(1, MOST_REFUSALS + 6):
@@ -177,7 +177,7 @@ def test_refusals_that_wait_are_bounded_and_those_given_up_are_counted():
     assert queue.unanswered["a"] == 5
 
 
-def test_windows_of_an_actuator_that_is_forgotten_are_released():
+def test_windows_of_a_removed_actuator_are_released():
     queue = WindowQueue()
     for number in range(4):
         queue.add(found(number, of="a"), 2)
