@@ -60,7 +60,7 @@ def bag_information(
     files: Sequence[FileInformation], topics: Iterable[Any], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return the rosbag2 metadata of a recording from its files and topics so far."""
-    whole = FileInformation(
+    recording = FileInformation(
         "",
         min((file.start_ns for file in files), default=NEVER_NS),
         max((file.end_ns for file in files), default=0),
@@ -69,7 +69,7 @@ def bag_information(
     return {
         "version": _VERSION,
         "storage_identifier": "mcap",
-        **whole.extent(),
+        **recording.extent(),
         "topics_with_message_count": [
             {
                 "topic_metadata": {

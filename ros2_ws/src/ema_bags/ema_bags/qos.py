@@ -130,17 +130,17 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     return profile
 
 
-def _profile(words: dict[str, Any]) -> QoSProfile:
+def _profile(entries: dict[str, Any]) -> QoSProfile:
     return QoSProfile(
-        history=_policy(HistoryPolicy, words["history"]),
-        depth=int(words["depth"]),
-        reliability=_policy(ReliabilityPolicy, words["reliability"]),
-        durability=_policy(DurabilityPolicy, words["durability"]),
-        deadline=_duration(words["deadline"]),
-        lifespan=_duration(words["lifespan"]),
-        liveliness=_policy(LivelinessPolicy, words["liveliness"]),
-        liveliness_lease_duration=_duration(words["liveliness_lease_duration"]),
-        avoid_ros_namespace_conventions=bool(words["avoid_ros_namespace_conventions"]),
+        history=_policy(HistoryPolicy, entries["history"]),
+        depth=int(entries["depth"]),
+        reliability=_policy(ReliabilityPolicy, entries["reliability"]),
+        durability=_policy(DurabilityPolicy, entries["durability"]),
+        deadline=_duration(entries["deadline"]),
+        lifespan=_duration(entries["lifespan"]),
+        liveliness=_policy(LivelinessPolicy, entries["liveliness"]),
+        liveliness_lease_duration=_duration(entries["liveliness_lease_duration"]),
+        avoid_ros_namespace_conventions=bool(entries["avoid_ros_namespace_conventions"]),
     )
 
 

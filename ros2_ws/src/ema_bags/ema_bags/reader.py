@@ -194,8 +194,8 @@ class Bag(Recording):
     def _note(self, path: Path, *findings: str, is_loss: bool = True) -> None:
         # In a folder, findings name their file.
         self._is_whole = self._is_whole and not (findings and is_loss)
-        place = "" if path == self.path else f"{path.name}: "
-        self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
+        prefix = "" if path == self.path else f"{path.name}: "
+        self._damage.update(dict.fromkeys(f"{prefix}{item}" for item in findings))
 
     def _find_topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
@@ -301,5 +301,5 @@ class Bag(Recording):
                     lost = f"topic {channel.topic}: a compressed message is lost: {error}"
                     self._note(path, lost)
                     continue
-            place = MessagePlace(stored.log_time, file_number, stretch.offset, number)
-            yield Recorded(place, channel.topic, topic.type_name, data, stored.publish_time)
+            position = MessagePlace(stored.log_time, file_number, stretch.offset, number)
+            yield Recorded(position, channel.topic, topic.type_name, data, stored.publish_time)

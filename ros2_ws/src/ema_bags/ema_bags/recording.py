@@ -114,8 +114,8 @@ class MalformedMessages:
     def remarks(self) -> list[str]:
         """Return a remark for each topic, with its number of malformed messages."""
         return [
-            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
-            for name, (first, places) in self._by_topic.items()
+            f"topic {name}: {counted(len(positions), 'malformed message')} skipped, {first}"
+            for name, (first, positions) in self._by_topic.items()
         ]
 
 

@@ -110,10 +110,10 @@ def to_installed(
     ):
         kept = [item.rpartition(" ")[2] for item in older]
         return _upgrade(name, recorded_text, kept, {item: defaults[item] for item in lacking})
-    words = (
+    difference = (
         _differences(recorded, installed) or f"recorded {recorded_hash}, installed {installed_hash}"
     )
-    raise ValueError(f"the recorded {name} differs from the installed version: {words}")
+    raise ValueError(f"the recorded {name} differs from the installed version: {difference}")
 
 
 def _upgrade(
@@ -225,10 +225,14 @@ def typestore(type_name: str, schema: str) -> Typestore:
 def _differences(recorded: dict[str, list[str]], installed: dict[str, list[str]]) -> str:
     differences = []
     for short in dict.fromkeys([*installed, *recorded]):
-        there, here = recorded.get(short, []), installed.get(short, [])
-        if there != here:
-            only_there = ", ".join(field for field in there if field not in here)
-            only_here = ", ".join(field for field in here if field not in there)
+        recorded_fields, installed_fields = recorded.get(short, []), installed.get(short, [])
+        if recorded_fields != installed_fields:
+            only_there = ", ".join(
+                field for field in recorded_fields if field not in installed_fields
+            )
+            only_here = ", ".join(
+                field for field in installed_fields if field not in recorded_fields
+            )
             differences.append(
                 f"{short} has [{only_there}] in the recording, but [{only_here}] in the "
                 "installed version"

@@ -75,10 +75,10 @@ class RecordedTelemetry:
                 if is_block or not isinstance(converted, Malformed):
                     yield item.place, converted
             elif is_block and not self.skips_others:
-                there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
+                present = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
                     f"{self.bag.path}: topic {self.topic} has telemetry of several actuators: "
-                    f"{there}: choose one by actuator_id (--actuator-id)"
+                    f"{present}: choose one by actuator_id (--actuator-id)"
                 )
 
 
@@ -113,17 +113,19 @@ def _find_telemetry(
 ) -> RecordedTelemetry:
     candidates = _telemetry_topics(bag, topic)
     first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
-    there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
+    present = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
     if actuator_id is not None:
         # Topics are only searched if an actuator is not the first of any topic.
         candidates = [name for name, first in first_ids.items() if first == actuator_id] or [
             name for name in candidates if actuator_id in _actuator_ids(bag, name)
         ]
     if not candidates:
-        raise ValueError(f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {there}")
+        raise ValueError(
+            f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {present}"
+        )
     if len(candidates) > 1:
         raise ValueError(
-            f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
+            f"{bag.path} has telemetry on several topics: {present}: choose one by topic or "
             "actuator_id (--topic, --actuator-id)"
         )
     [chosen] = candidates

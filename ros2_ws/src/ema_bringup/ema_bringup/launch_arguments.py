@@ -165,14 +165,14 @@ def node(
     overrides |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
     if ends_all:
         options["on_exit"] = Shutdown(reason=f"the {name} has ended")
-    place = namespace or value_of(context, "namespace")
+    node_namespace = namespace or value_of(context, "namespace")
     # The enclave of the node's full name, for SROS2.
-    enclave = "/".join(("", *filter(None, (place.strip("/"), node_name or name))))
+    enclave = "/".join(("", *filter(None, (node_namespace.strip("/"), node_name or name))))
     return Node(
         package=package,
         executable=f"{name}_node",
         name=node_name or name,
-        namespace=place,
+        namespace=node_namespace,
         parameters=[*filter(None, (file, further)), overrides],
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),

@@ -33,7 +33,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
-    place = ema.value_of(context, "namespace").rstrip("/")
+    namespace = ema.value_of(context, "namespace").rstrip("/")
     names = [name.strip() for name in ema.value_of(context, "actuators").split(",")]
     if len(set(names)) < len(names) or "" in names:
         raise RuntimeError(f"actuators:={','.join(names)}: expected distinct names")
@@ -44,10 +44,10 @@ def _nodes(context: LaunchContext) -> list[Node]:
             context,
             "actuator",
             "ema_sim",
-            namespace=f"{place}/{name}",
+            namespace=f"{namespace}/{name}",
             parameters={"actuator_id": name, "seed": number}
             | ({"serial_number": f"SIM-{name}"} if is_calibrated else {}),
-            remappings=[(topic, f"{place}/{topic}") for topic in TOPICS],
+            remappings=[(topic, f"{namespace}/{topic}") for topic in TOPICS],
         )
         for number, name in enumerate(names)
     ]

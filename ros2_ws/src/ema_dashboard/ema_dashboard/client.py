@@ -75,11 +75,11 @@ class Client:
         """Serve the client until either end closes the connection."""
         self._hub.join(self)
         tasks = [asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._send())]
-        code, words = WSCloseCode.GOING_AWAY, b""
+        code, reason = WSCloseCode.GOING_AWAY, b""
         try:
             done, _ = await asyncio.wait([*tasks, self._ended], return_when=asyncio.FIRST_COMPLETED)
             with contextlib.suppress(ConnectionError):
-                code, words = next(iter(done)).result()
+                code, reason = next(iter(done)).result()
         finally:
             self._hub.clients.discard(self)
             self._hub.totals.dropped += self.dropped
@@ -88,7 +88,7 @@ class Client:
             await asyncio.gather(*tasks, return_exceptions=True)
             # The client may not answer.
             with contextlib.suppress(TimeoutError, ConnectionError):
-                await asyncio.wait_for(self._socket.close(code=code, message=words), 1.0)
+                await asyncio.wait_for(self._socket.close(code=code, message=reason), 1.0)
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
         """Queue a frame; droppable frames may be dropped in favour of later frames."""
@@ -112,10 +112,10 @@ class Client:
         """Send a message of the protocol."""
         self.take(json.dumps(content), droppable=False)
 
-    def end(self, code: int, words: bytes) -> None:
+    def end(self, code: int, reason: bytes) -> None:
         """Close the connection with a code and reason."""
         if not self._ended.done():
-            self._ended.set_result((code, words))
+            self._ended.set_result((code, reason))
 
     async def _receive(self) -> tuple[int, bytes]:
         """Handle the client's requests. Return the close code and reason of the connection."""

@@ -115,8 +115,8 @@ class DashboardNode(ManagedNode):
 
     def activate(self) -> None:
         """Start the discovery of topics."""
-        places = {topic.namespace for topic in self._topics.values() if topic.namespace}
-        self._liveliness = {place: MonitorLiveliness(place) for place in places}
+        namespaces = {topic.namespace for topic in self._topics.values() if topic.namespace}
+        self._liveliness = {namespace: MonitorLiveliness(namespace) for namespace in namespaces}
         self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
@@ -196,14 +196,14 @@ class DashboardNode(ManagedNode):
             liveliness.update(self)
         now_ns, is_real = self._time_ns(), self._clock_ns is None
         changes = self._claims.changes(now_ns, time.monotonic(), self._is_silent, is_real=is_real)
-        for (name, _), held in changes:
+        for (name, _), health in changes:
             topic = self._topics[name]
-            data = serialize_message(held)
-            stamp_ns = stamp_from_message(held.header.stamp)
-            self._hub.keep(name, held.actuator_id, data, now_ns, stamp_ns)
+            data = serialize_message(health)
+            stamp_ns = stamp_from_message(health.header.stamp)
+            self._hub.keep(name, health.actuator_id, data, now_ns, stamp_ns)
             self._hub.publish(name, data, now_ns)
             if topic.relative == HEALTH:
-                self._note(topic.namespace, held)
+                self._note(topic.namespace, health)
 
     def _is_silent(self, name: str, author: str) -> bool:
         return self._liveliness[self._topics[name].namespace].is_silent(author)

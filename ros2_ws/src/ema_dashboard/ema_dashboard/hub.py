@@ -65,7 +65,7 @@ class Subscriber(Protocol):
     def send(self, content: dict[str, Any]) -> None:
         """Send a message of the protocol."""
 
-    def end(self, code: int, words: bytes) -> None:
+    def end(self, code: int, reason: bytes) -> None:
         """Close the connection."""
 
 
@@ -223,10 +223,10 @@ class Hub:
         client.send(_advertise(list(self._channels.values())))
         self.clients.add(client)
 
-    def end_all(self, code: int, words: bytes) -> None:
+    def end_all(self, code: int, reason: bytes) -> None:
         """Close all client connections; must run in the loop."""
         for client in tuple(self.clients):
-            client.end(code, words)
+            client.end(code, reason)
 
     def in_loop(self, call: Callable[..., object], *arguments: Any) -> None:
         """Call a function in the event loop. Thread-safe."""

@@ -50,16 +50,16 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
         KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
     ]
     for namespace in namespaces:
-        place = namespace.rstrip("/")
+        prefix = namespace.rstrip("/")
         for relative, (kind, offer) in _KNOWN.items():
             latched = offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
             kept = latched or relative == topics.FAULT_ESTIMATE
             qos = topics.LATCHED_BY_MANY if latched else offer
             if relative == topics.HEALTH:
                 qos = topics.ALIVE_BY_MANY
-            name = f"{place}/{relative}"
+            name = f"{prefix}/{relative}"
             followed = kept or relative in topics.NODE_TOPICS
             shown.append(KnownTopic(name, namespace, relative, kind, qos, followed, kept))
-        name = f"{place}/{UNIT_HISTORY}"
+        name = f"{prefix}/{UNIT_HISTORY}"
         shown.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
     return shown

@@ -294,9 +294,9 @@ def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetri
     return GaugeMetricFamily(name, documentation, labels=labels or _ACTUATOR, unit=unit)
 
 
-def _text(words: str) -> str:
+def _text(text: str) -> str:
     """Return a string from the graph without characters that UTF-8 cannot encode."""
-    return words.encode(errors="replace").decode()
+    return text.encode(errors="replace").decode()
 
 
 def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:

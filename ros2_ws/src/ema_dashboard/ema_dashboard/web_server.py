@@ -224,8 +224,8 @@ class WebServer:
         if "token" in request.query and self._access.needs_token:
             # Keeps the token out of address line, history and screenshots. The path is relative,
             # because a proxy may serve the page below another path.
-            place = f"./{request.rel_url.raw_path.rpartition('/')[2]}"
-            answer = web.Response(status=303, headers={**_HEADERS, "Location": place})
+            location = f"./{request.rel_url.raw_path.rpartition('/')[2]}"
+            answer = web.Response(status=303, headers={**_HEADERS, "Location": location})
             answer.set_cookie(
                 _COOKIE,
                 self._access.cookie,
@@ -307,8 +307,8 @@ class _Failures(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         self._hub.totals.refused += 1
         error = record.exc_info[1] if record.exc_info else None
-        what = f"{record.getMessage()}: {' '.join(str(error).split())}"[:_MOST_LOGGED]
-        line = self._throttle.passed(what, time.monotonic())
+        summary = f"{record.getMessage()}: {' '.join(str(error).split())}"[:_MOST_LOGGED]
+        line = self._throttle.passed(summary, time.monotonic())
         if line is not None:
             logging.getLogger("ema_dashboard").warning(line)
 

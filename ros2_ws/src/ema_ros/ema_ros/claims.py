@@ -60,20 +60,20 @@ def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
     if health.level == STALE or not (is_silent or ended_s > 0.0):
         return health
     # Only changed parts are copied.
-    held = copy.copy(health)
-    held.level, held.last_level = STALE, health.level
+    expired = copy.copy(health)
+    expired.level, expired.last_level = STALE, health.level
     cause = f"{health.author or 'its monitor'} is silent"
     if not is_silent:
         cause = f"the latest test expired {ended_s:.0f} s ago"
     reason = f"{cause}, the level was {LEVEL_NAMES[health.level]}"
     if not hasattr(health, "faults"):
-        held.text = f"{LEVEL_NAMES[STALE]}; {reason}"
-        return held
-    held.confidence, held.reason = 0.0, reason
-    held.faults, held.requirements = (
+        expired.text = f"{LEVEL_NAMES[STALE]}; {reason}"
+        return expired
+    expired.confidence, expired.reason = 0.0, reason
+    expired.faults, expired.requirements = (
         [_without_ok(item) for item in items] for items in (health.faults, health.requirements)
     )
-    return held
+    return expired
 
 
 def _without_ok(item: Any) -> Any:
@@ -128,7 +128,7 @@ class Claims:
         for key, received in list(self._healths.items()):
             health = received.health
             ended_s = received.ended_s(now_ns, now_s, is_real=is_real)
-            held = worth(health, ended_s, is_silent=is_silent(key[0], health.author))
-            if held.level != self._shown.get(key):
-                self._shown[key] = held.level
-                yield key, held
+            current = worth(health, ended_s, is_silent=is_silent(key[0], health.author))
+            if current.level != self._shown.get(key):
+                self._shown[key] = current.level
+                yield key, current

@@ -32,8 +32,8 @@ class MonitorLiveliness:
     """
 
     def __init__(self, namespace: str) -> None:
-        place = namespace.rstrip("/")
-        self._health, self._playback_state = f"{place}/{HEALTH}", f"{place}/{PLAYBACK_STATE}"
+        prefix = namespace.rstrip("/")
+        self._health, self._playback_state = f"{prefix}/{HEALTH}", f"{prefix}/{PLAYBACK_STATE}"
         # Whether the leases of all publishers have expired. A new publisher is alive only after
         # its middleware has asserted its liveliness, up to two thirds of the lease later.
         self._is_lost = False

@@ -218,8 +218,8 @@ class ManagedNode(LifecycleNode):
         if isinstance(error, InvalidHandle):
             return  # the served entity has just been destroyed
         self.failed_callbacks += 1
-        place = traceback.extract_tb(error.__traceback__)[-1:]
-        kind = f"a callback failed: {error!r} {place}"
+        location = traceback.extract_tb(error.__traceback__)[-1:]
+        kind = f"a callback failed: {error!r} {location}"
         passed = self._failures.passed(kind, time.monotonic())
         if passed is not None:
             trace = "".join(traceback.format_exception(error))

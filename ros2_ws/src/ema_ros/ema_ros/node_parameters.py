@@ -244,8 +244,8 @@ def _descriptor(parameter: SettingsParameter, constraint: str) -> ParameterDescr
         low, high = metadata["range"]
         descriptor.description += f" [{parameter.unit}]"
         if isinstance(parameter.field.default, int):
-            whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
-            descriptor.integer_range = [whole]
+            integers = IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            descriptor.integer_range = [integers]
         else:
             low, high = float(parameter.to_node(low)), float(parameter.to_node(high))
             floating = FloatingPointRange(from_value=low, to_value=high, step=0.0)

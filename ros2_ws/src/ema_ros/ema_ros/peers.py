@@ -112,7 +112,7 @@ def nodes_in_touch(node: Node) -> set[str]:
     received = {item.topic_name for item in node.subscriptions} - _UNSEEN
     shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
     sources = [item for topic in received for item in node.get_publishers_info_by_topic(topic)]
-    near = [
+    nearby = [
         item
         for topic in shared
         for item in (
@@ -122,7 +122,7 @@ def nodes_in_touch(node: Node) -> set[str]:
         if item.node_namespace == node.get_namespace()
     ]
     nodes = {
-        full_node_name(item) for item in (*sources, *near) if not item.node_name.startswith("_")
+        full_node_name(item) for item in (*sources, *nearby) if not item.node_name.startswith("_")
     }
     return nodes - {node.get_fully_qualified_name()}
 

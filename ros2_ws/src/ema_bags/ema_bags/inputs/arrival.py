@@ -153,13 +153,13 @@ class ArrivalClock:
         x, y = numbers - middle, arrivals - self._period * numbers
         tilt, offset = 0.0, float(np.median(y))
         for number in range(_REWEIGHTS):
-            left = y - offset - tilt * x
-            scale = max(1.4826 * float(np.median(np.abs(left))), 1.0)
-            far = np.maximum(np.abs(left) / scale, 1e-9)
-            weights = np.minimum(1.0, 1.345 / far)
+            residuals = y - offset - tilt * x
+            scale = max(1.4826 * float(np.median(np.abs(residuals))), 1.0)
+            deviations = np.maximum(np.abs(residuals) / scale, 1e-9)
+            weights = np.minimum(1.0, 1.345 / deviations)
             if number >= _REWEIGHTS // 2:
                 # The line is close enough to reject samples from a stalled queue.
-                weights = np.maximum(1.0 - (far / 4.685) ** 2, 0.0) ** 2
+                weights = np.maximum(1.0 - (deviations / 4.685) ** 2, 0.0) ** 2
             mean_x = np.average(x, weights=weights)
             mean_y = np.average(y, weights=weights)
             prior = (scale / (_PERIOD_SIGMA * self._period)) ** 2

@@ -75,9 +75,9 @@ class SqliteBag:
             numbers = Counter[str]()
             for connection, received_ns, data in reader.messages(chosen):
                 topic, kind = connection.topic, connection.msgtype
-                place = MessagePlace(received_ns, 0, 0, numbers[topic])
+                position = MessagePlace(received_ns, 0, 0, numbers[topic])
                 numbers[topic] += 1
-                item = Recorded(place, topic, kind, data, 0)
+                item = Recorded(position, topic, kind, data, 0)
                 try:
                     item = item._replace(message=reader.deserialize(data, kind))
                 except Exception as error:  # the generated code raises various errors

@@ -197,7 +197,7 @@ class BridgeNode(ManagedNode):
     def _find(self) -> None:
         """Search the graph for topics with joint data, and bridge their joints."""
         # The joint states of a monitored actuator duplicate its telemetry.
-        place = f"{self.unit_namespace.strip('/')}/"
+        prefix = f"{self.unit_namespace.strip('/')}/"
         published = self.get_topic_names_and_types()
         monitored = {
             node
@@ -206,7 +206,7 @@ class BridgeNode(ManagedNode):
             for node in nodes_publishing(self, topic)
         }
         for topic, kinds in published:
-            if topic in self._searched or (place != "/" and topic.startswith(f"/{place}")):
+            if topic in self._searched or (prefix != "/" and topic.startswith(f"/{prefix}")):
                 continue
             for kind in kinds:
                 is_description = kind == _STRING and topic.rpartition("/")[2] == DESCRIPTION_TOPIC

@@ -412,7 +412,9 @@ class Bridge:
             return
         self._unchecked = 0
         times = np.concatenate([part.stamps_ns for part in latest])
-        whole = {name: np.concatenate([part.columns[name] for part in latest]) for name in COLUMNS}
+        columns = {
+            name: np.concatenate([part.columns[name] for part in latest]) for name in COLUMNS
+        }
         first, last_s = latest[0], round(_NOT_FINITE_S / h)
         assert self.rate is not None
         self.defects = [
@@ -423,7 +425,7 @@ class Bridge:
                 self.rebuilt - first.rebuilt,
                 is_unknown=self._description.drive == "unknown",
             ),
-            *not_finite({name: column[-last_s:] for name, column in whole.items()}),
-            *find_defects(whole, times, self.mapping, self._stream.description),
+            *not_finite({name: column[-last_s:] for name, column in columns.items()}),
+            *find_defects(columns, times, self.mapping, self._stream.description),
             *(self._stream.rises.defects() if self._stream.rises else ()),
         ]

@@ -165,8 +165,8 @@ def _cross_validated(terms: _Array, target: _Array) -> float:
     shares = []
     for fitted in (block, ~block):
         weights, *_ = np.linalg.lstsq(terms[fitted], target[fitted], rcond=None)
-        rest = target[~fitted] - terms[~fitted] @ weights
-        shares.append(1.0 - float(np.var(rest)) / max(float(np.var(target[~fitted])), 1e-300))
+        residual = target[~fitted] - terms[~fitted] @ weights
+        shares.append(1.0 - float(np.var(residual)) / max(float(np.var(target[~fitted])), 1e-300))
     return min(shares)
 
 
@@ -229,15 +229,15 @@ def fit_effort(position: _Array, effort: _Array, period: float) -> EffortFit | N
         weights, *_ = np.linalg.lstsq(terms[rows - shift], target, rcond=None)
         return float(np.var(target - terms[rows - shift] @ weights))
 
-    left = np.array([residual(shift) for shift in range(-reach, reach + 1)])
-    best = int(np.argmin(left))
+    variances = np.array([residual(shift) for shift in range(-reach, reach + 1)])
+    best = int(np.argmin(variances))
     lag, variance = math.nan, float(np.var(target))
-    if best not in (0, 2 * reach) and left[best] < (1.0 - _LEAST_EXPLAINED) * variance:
-        before, at, after = left[best - 1 : best + 2]
+    if best not in (0, 2 * reach) and variances[best] < (1.0 - _LEAST_EXPLAINED) * variance:
+        before, at, after = variances[best - 1 : best + 2]
         # A flat optimum does not show the lag; a small gain may be due to another friction law.
-        if at < _CLEARER * min(left[0], left[-1]):
+        if at < _CLEARER * min(variances[0], variances[-1]):
             shift = best - reach + 0.5 * float((before - after) / (before - 2.0 * at + after))
-            is_late = at < _CLEARER * left[reach]
+            is_late = at < _CLEARER * variances[reach]
             lag = shift * period if is_late or abs(shift) < 1.0 else 0.0
     rows = rows - round(lag / period) if math.isfinite(lag) else rows
     explained = _cross_validated(terms[rows], target)

@@ -42,8 +42,8 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
     if len(command) < _LEAST_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         return
     if (lag := _lag_of_copy(command, position)) is not None:
-        late = f" {lag} samples later" if lag else ""
-        text = f"the position equals the command{late}: it is a setpoint, not a measurement"
+        delay = f" {lag} samples later" if lag else ""
+        text = f"the position equals the command{delay}: it is a setpoint, not a measurement"
         remedy = "position: choose the encoder as source"
         yield InputDefect("position_commanded", text, remedy, False)
         return

@@ -95,5 +95,5 @@ def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
         return False
     values = np.asarray(column, dtype=float)
     values = values[np.isfinite(values)]
-    whole = values % 1.0 == 0.0
-    return bool(np.any(whole) and not np.all(whole)) and not shows_decimals(values)
+    is_integer = values % 1.0 == 0.0
+    return bool(np.any(is_integer) and not np.all(is_integer)) and not shows_decimals(values)

@@ -56,8 +56,8 @@ def separator_and_decimal(path: Path, lines: Sequence[str], table: Table) -> tup
             width = max(set(widths), key=widths.count)
             if width < 2:
                 continue
-            whole = [row for row in cells if len(row) == width]
-            numbers = sum(_likelihood(cell, decimal) for row in whole for cell in row)
+            complete = [row for row in cells if len(row) == width]
+            numbers = sum(_likelihood(cell, decimal) for row in complete for cell in row)
             share = numbers / (width * len(cells))
             if share > best + 1e-9:
                 best, chosen = share, (separator, decimal)

@@ -106,12 +106,14 @@ def _read(column: "pd.Series[Any]", pattern: re.Pattern[str]) -> WrittenTimes:
     unread |= (days == _NO_TIME) & ~missing
     is_read = ~unread & ~missing
     values = np.where(is_read, days * _DAY + of_day, _NO_TIME)
-    both = None
+    exchanged_values = None
     if exchanged is not None:
-        both = np.where(is_read, exchanged * _DAY + of_day, _NO_TIME)
+        exchanged_values = np.where(is_read, exchanged * _DAY + of_day, _NO_TIME)
     row = int(np.argmax(is_read))
     example = f"row {row + 1}: {texts.iloc[row].strip()!r}"
-    return WrittenTimes(values, exchanged=both, problem=_problem(texts, unread), example=example)
+    return WrittenTimes(
+        values, exchanged=exchanged_values, problem=_problem(texts, unread), example=example
+    )
 
 
 def _problem(texts: "pd.Series[Any]", unread: NDArray[np.bool_]) -> str:

@@ -218,16 +218,16 @@ def _held(
 
     The model of a known drive would interpret the resulting steps as faults.
     """
-    held = find_held(columns)
-    irregular = None if "position" in held else irregular_updates(columns["position"])
+    samples_per_update = find_held(columns)
+    irregular = None if "position" in samples_per_update else irregular_updates(columns["position"])
     if irregular is not None and not is_unknown and irregular.mean < _FEW_REPEATS:
         irregular = None  # a table with repeated values, already reduced to its update rate
-    if not held and irregular is None:
+    if not samples_per_update and irregular is None:
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
     parts = [
         f"the {name} repeats each value {count} times (updated at {rate_hz / count:.4g} Hz)"
-        for name, count in held.items()
+        for name, count in samples_per_update.items()
     ]
     if irregular is not None:
         parts.append(
@@ -236,7 +236,7 @@ def _held(
     remedy = "configure the driver to publish each value once, all at the same rate"
     if is_unknown:
         remedy = "it is used unchanged; configure the driver to publish each value once"
-        if "position" in held or irregular is not None:
+        if "position" in samples_per_update or irregular is not None:
             remedy = "records interpolate it between updates; configure the driver to publish each "
             remedy += "value once"
     yield InputDefect(
@@ -260,8 +260,10 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
         return
     changes = np.abs(np.diff(moving, prepend=0.0))
     sizes = np.abs(moving)
-    far = max(_JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
-    is_far = sizes > far
+    least_jump = max(
+        _JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position))
+    )
+    is_far = sizes > least_jump
     # Fast motion takes several long steps in one direction; a jump takes one, and may reverse.
     direction = np.where(is_far, np.sign(moving), 0.0)
     is_isolated = (

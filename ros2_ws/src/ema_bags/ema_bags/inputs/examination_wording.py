@@ -56,9 +56,9 @@ def judged_lines(joint: JointExamination) -> list[str]:
         if item.needs:
             by_need.setdefault(item.needs, []).append(ABILITY_NAMES[item.ability])
     for needs, names in by_need.items():
-        wanted = " and ".join(NEED_NAMES[need] for need in needs)
+        conditions = " and ".join(NEED_NAMES[need] for need in needs)
         verb = "needs" if len(names) == 1 else "need"
-        lines.append(f"{', '.join(names)} {verb} {wanted}")
+        lines.append(f"{', '.join(names)} {verb} {conditions}")
     return lines
 
 

@@ -249,7 +249,7 @@ def _columns(
         name = next(quantity for quantity, item in mapping.sources() if item is source)
         values = decoded(raw[key], source.encoding)
         finite = values[np.isfinite(values)]
-        held = held_values(values, is_moving)
+        repetition = held_values(values, is_moving)
         columns.append(
             ColumnExamination(
                 name,
@@ -260,9 +260,9 @@ def _columns(
                 float(np.min(finite, initial=math.inf)) if len(finite) else math.nan,
                 float(np.max(finite, initial=-math.inf)) if len(finite) else math.nan,
                 quantisation_step(values),
-                held.every,
-                held.share,
-                held.longest,
+                repetition.every,
+                repetition.share,
+                repetition.longest,
                 saturated_share(values),
                 len(values) - len(finite),
             )
@@ -315,8 +315,8 @@ def _motion(
     is_linear = mapping.position.unit in LINEAR
     lead = with_lead(description, mapping).parameters.lead
     size = lead / (2.0 * math.pi) if is_linear and lead else 1.0
-    everything = np.concatenate(runs)
-    travel = float(np.ptp(everything))
+    positions = np.concatenate(runs)
+    travel = float(np.ptp(positions))
     speeds = [np.gradient(smoothed(run, period, _MOVING_S), period) for run in runs]
     all_speeds = np.abs(np.concatenate(speeds))
     is_moving = moving_mask(all_speeds)
@@ -326,9 +326,9 @@ def _motion(
     limit = float(np.min(moving))
     strokes, pieces = [0, 0], [0, 0]
     for run, speed in zip(runs, speeds, strict=True):
-        for way, seconds in _strokes(run, speed, period, travel, limit):
-            strokes[way] += 1
-            pieces[way] += 1 + int(seconds / LONGEST_STROKE_S)
+        for direction, seconds in _strokes(run, speed, period, travel, limit):
+            strokes[direction] += 1
+            pieces[direction] += 1 + int(seconds / LONGEST_STROKE_S)
     slow, fast = np.percentile(moving, [5.0, 95.0])
     return Motion(
         "m" if is_linear else "rad",
@@ -350,12 +350,12 @@ def _strokes(
     ends = reversals(position)
     strokes = []
     for first, last in pairwise(ends):
-        way = float(position[last] - position[first])
-        if (abs(way) <= _SHORT_STROKE * 0.5 * travel and len(ends) > 2) or last <= first:
+        distance = float(position[last] - position[first])
+        if (abs(distance) <= _SHORT_STROKE * 0.5 * travel and len(ends) > 2) or last <= first:
             continue
         seconds = float(np.count_nonzero(np.abs(speed[first:last]) >= limit)) * period
         if seconds > 0.0:
-            strokes.append((int(way < 0.0), seconds))
+            strokes.append((int(distance < 0.0), seconds))
     return strokes
 
 
@@ -366,14 +366,14 @@ def _speed_factor(
 
     The lag of the speed is removed first.
     """
-    late = round(lag_s / period) if math.isfinite(lag_s) else 0
-    n = len(position) - abs(late)
-    nothing = np.empty(0)
+    shift = round(lag_s / period) if math.isfinite(lag_s) else 0
+    n = len(position) - abs(shift)
+    empty = np.empty(0)
     columns = {
-        "position": position[max(0, -late) :][:n],
-        "speed": speed[max(0, late) :][:n],
-        "command": nothing,
-        "current": nothing,
+        "position": position[max(0, -shift) :][:n],
+        "speed": speed[max(0, shift) :][:n],
+        "command": empty,
+        "current": empty,
     }
     stamps_ns = np.rint(1e9 * period * np.arange(n)).astype(np.int64)
     motion = ThinnedMotion.of(columns, stamps_ns, tau)
@@ -396,8 +396,8 @@ def _relations(imported: Imported) -> tuple[Relations | None, EffortFit | None]:
         speed_lag = lag_between(rate, smoothed(columns["speed"], period) * tau, period)
         factor = _speed_factor(position, columns["speed"], speed_lag, period, tau)
     if "command" in columns:
-        wanted = np.gradient(smoothed(columns["command"], period), period)
-        command_lag = lag_between(wanted, rate, period)
+        commanded_rate = np.gradient(smoothed(columns["command"], period), period)
+        command_lag = lag_between(commanded_rate, rate, period)
     fit = None
     if "current" in columns:
         start = max(0, (len(position) - _MOST_FITTED) // 2)

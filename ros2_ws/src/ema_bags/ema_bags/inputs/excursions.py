@@ -123,7 +123,7 @@ def _sudden(
     sudden = []
     for first, end in candidates:
         jumps = [changes[first - 2], *changes[end - 1 : end]]
-        near = float(np.max(quiet[max(first - 2 - _NEAR, 0) : end + _NEAR], initial=0.0))
-        if min(jumps) > _TIMES_NEAR * near:
+        largest_near = float(np.max(quiet[max(first - 2 - _NEAR, 0) : end + _NEAR], initial=0.0))
+        if min(jumps) > _TIMES_NEAR * largest_near:
             sudden.append((first, end))
     return sudden

@@ -161,21 +161,21 @@ def _scales_both(chosen: dict[str, _Option]) -> bool:
 
     The product of two rescalings can match almost any factor by chance.
     """
-    both = [chosen[name].factor for name in ("position", "speed") if name in chosen]
-    return len(both) == 2 and all(abs(abs(factor) - 1.0) > 1e-9 for factor in both)
+    factors = [chosen[name].factor for name in ("position", "speed") if name in chosen]
+    return len(factors) == 2 and all(abs(abs(factor) - 1.0) > 1e-9 for factor in factors)
 
 
 def _is_explained(value: float, change: float, changes: int) -> bool:
     """Return whether the ratio of two columns is plausible after changing their factors."""
-    left = value * change
-    if left <= 0.0:
+    remaining = value * change
+    if remaining <= 0.0:
         return False
     if abs(abs(change) - 1.0) < 1e-9:
         within = _PLAUSIBLE
     else:
         # Products of two changes match more factors by chance, so be stricter.
         within = _NEAR_UNIT if changes == 1 else _NEAR_UNITS
-    return 1.0 / within < left < within
+    return 1.0 / within < remaining < within
 
 
 def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]:

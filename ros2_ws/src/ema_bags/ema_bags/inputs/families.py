@@ -49,14 +49,14 @@ def joint_names(names: Sequence[str], hint_of: Callable[[str], Hint]) -> list[Jo
         Function that returns the hint for a column name.
     """
     joints: list[JointNames] = []
-    left = list(names)
+    remaining = list(names)
     while True:
-        family = _best_family(left, hint_of)
+        family = _best_family(remaining, hint_of)
         if family is None:
             return joints
         joints += family
         used = {column for item in family for column in item.columns.values()}
-        left = [name for name in left if name not in used]
+        remaining = [name for name in remaining if name not in used]
 
 
 def _best_family(names: Sequence[str], hint_of: Callable[[str], Hint]) -> list[JointNames] | None:
@@ -112,8 +112,8 @@ def _splits(name: str) -> Iterator[tuple[str, str]]:
     for first in range(len(tokens)):
         for last in range(first, min(len(tokens), first + _MOST_TOKENS)):
             start, end = tokens[first].start(), tokens[last].end()
-            key, rest = name[start:end], name[:start] + name[end:]
-            if "[" in key or "(" in key or not re.search(r"[A-Za-z]", rest):
+            key, remainder = name[start:end], name[:start] + name[end:]
+            if "[" in key or "(" in key or not re.search(r"[A-Za-z]", remainder):
                 continue
             if unit and last == len(tokens) - 1 and not key.isdigit():
                 continue

@@ -68,9 +68,9 @@ class FieldPath:
                 )
             outer.append(value)
             value = getattr(value, name)
-            for key, wanted in selectors:
+            for key, selector in selectors:
                 keys = (key.strip(),) if key else ()
-                value = self._element(value, name, outer, keys, wanted.strip())
+                value = self._element(value, name, outer, keys, selector.strip())
         if self._joint and hasattr(value, "__len__") and not isinstance(value, str):
             value = self._element(value, self._steps[-1][0], outer, _JOINT_NAMES, self._joint)
         try:
@@ -81,31 +81,31 @@ class FieldPath:
             ) from error
 
     def _element(
-        self, array: Any, name: str, outer: Sequence[Any], keys: Sequence[str], wanted: str
+        self, array: Any, name: str, outer: Sequence[Any], keys: Sequence[str], selector: str
     ) -> Any:
-        index = self._number_of(outer, keys, wanted) if keys else int(wanted)
+        index = self._number_of(outer, keys, selector) if keys else int(selector)
         if index >= len(array):
             raise self._error(f": {name} has {len(array)} elements, expected more than {index}")
         return array[index]
 
-    def _number_of(self, outer: Sequence[Any], keys: Sequence[str], wanted: str) -> int:
+    def _number_of(self, outer: Sequence[Any], keys: Sequence[str], element: str) -> int:
         for message in reversed(outer):
             for key in keys:
                 names = getattr(message, key, None)
                 if names is None:
                     continue
                 listed = list(names)
-                if wanted in listed:
-                    return listed.index(wanted)
+                if element in listed:
+                    return listed.index(element)
                 listing = ", ".join(map(str, listed)) or "none"
-                raise self._error(f": {wanted!r} is not in {key}, which has {listing}")
+                raise self._error(f": {element!r} is not in {key}, which has {listing}")
         raise self._error(
-            f": there is no name array {' or '.join(keys)} to find {wanted!r} in: select the "
+            f": there is no name array {' or '.join(keys)} to find {element!r} in: select the "
             "element by index, such as data[0]"
         )
 
-    def _error(self, words: str) -> ValueError:
-        return ValueError(f"field path {self._text!r}{words}")
+    def _error(self, detail: str) -> ValueError:
+        return ValueError(f"field path {self._text!r}{detail}")
 
 
 def _fields_of(message: Any) -> list[str]:

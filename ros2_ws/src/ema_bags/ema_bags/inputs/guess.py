@@ -55,10 +55,10 @@ def source_of(quantity: str, name: str, unit: str, doubts: list[Doubt]) -> Sourc
     if not more:
         doubts.append(Doubt(DoubtKind.UNIT_GUESSED, quantity, name))
     if quantity == "current":
-        words = name.lower().replace(" ", "").replace("_", "")
-        if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):
+        plain_name = name.lower().replace(" ", "").replace("_", "")
+        if unit in TORQUES or any(w in plain_name for w in ("torque", "trq", "moment")):
             more = {"unit": "N.m"} | more | {"kind": "motor_torque"}
-        elif "iq" in words:
+        elif "iq" in plain_name:
             more["kind"] = "i_q"
     return kind(source=name, **more)
 

@@ -39,7 +39,7 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
     """
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or _is_time(columns, name)]
-    rest = [name for name in names if name not in named]
+    others = [name for name in names if name not in named]
     sums = _dated(columns, named)
     errors: list[ValueError] = []
     for name in sums or named:
@@ -53,7 +53,7 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
             continue
         if clock.unit != unit:
             doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
-        return clock, rest if sums else [item for item in names if item != name]
+        return clock, others if sums else [item for item in names if item != name]
     if errors:
         raise errors[0]
     if named := [*named, *(name for name in columns.texts if "time" in roles_of(name))]:
@@ -62,15 +62,15 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
             f"{_disorder(columns, named[0])}: set clock.source and clock.unit, or clock.rate_hz "
             "if the samples are regular (--set)"
         )
-    for clock in [_clock_of(columns, name) for name in rest if _may_be_time(columns, name)]:
+    for clock in [_clock_of(columns, name) for name in others if _may_be_time(columns, name)]:
         values = columns.values[clock.source]
         step_ns = _step_of(values) * TIMES_NS[clock.unit]
         is_usual = clock.source in columns.dates or _FASTEST_NS < step_ns < _SLOWEST_NS
         if is_usual and not _counts(values) and _is_clock(columns, clock):
             doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
-            return clock, [name for name in rest if name != clock.source]
+            return clock, [name for name in others if name != clock.source]
     doubts.append(Doubt(DoubtKind.NO_CLOCK, "clock", value=_ASSUMED_HZ))
-    return Clock(rate_hz=_ASSUMED_HZ), rest
+    return Clock(rate_hz=_ASSUMED_HZ), others
 
 
 def _is_time(columns: TableColumns, name: str) -> bool:
@@ -197,11 +197,11 @@ def _step_of(values: NDArray[Any]) -> float:
 
 def _date_in(values: NDArray[Any]) -> float:
     """Return the first value if all values are dates in the form yyyymmddhhmmss, else 0."""
-    whole = np.floor(values[np.isfinite(values)].astype(float))
-    if not len(whole):
+    numbers = np.floor(values[np.isfinite(values)].astype(float))
+    if not len(numbers):
         return 0.0
-    parts = [whole // 10.0**power % 100 for power in (8, 6, 4, 2, 0)]
-    years = whole // 10.0**10
+    parts = [numbers // 10.0**power % 100 for power in (8, 6, 4, 2, 0)]
+    years = numbers // 10.0**10
     is_date = (years >= 1970) & (years < 2100) & (parts[0] >= 1) & (parts[0] <= 12)
     is_date &= (parts[1] >= 1) & (parts[1] <= 31)
     for part, most in zip(parts[2:], (24, 60, 60), strict=True):

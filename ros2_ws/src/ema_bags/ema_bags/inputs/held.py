@@ -19,7 +19,7 @@ def find_held(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, int]:
     """Return the number of samples per update, for sensor columns that repeat their values."""
     present = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
     by_column = {name: held_samples(values) for name, values in present.items()}
-    return {name: held for name, held in by_column.items() if held > 1}
+    return {name: samples for name, samples in by_column.items() if samples > 1}
 
 
 def renewed_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:

@@ -210,8 +210,8 @@ def import_series(
     """
     primary = by_topic[mapping.position.topic]
     if len(primary) < 2:
-        place = f"topic {mapping.position.topic}" if mapping.position.topic else "the file"
-        raise ValueError(f"{place} has {len(primary)} samples: expected at least 2")
+        source = f"topic {mapping.position.topic}" if mapping.position.topic else "the file"
+        raise ValueError(f"{source} has {len(primary)} samples: expected at least 2")
     stamps, rebuilt = primary_stamps(primary, mapping)
     order = sorting_order(stamps)
     if order is not None:

@@ -266,14 +266,14 @@ class ImpossibleSamples:
         if len(positions) < FEWEST:
             return Excursions([], None)
         steps = np.abs(np.diff(positions))
-        far = max(_STEPS * float(np.percentile(steps, 98.0)), self._limits["position"])
+        least_step = max(_STEPS * float(np.percentile(steps, 98.0)), self._limits["position"])
         parts: list[tuple[int, int]] = []
         end, first_open = max(first, 1), None
-        for row in (np.flatnonzero(steps > far) + 1).tolist():
+        for row in (np.flatnonzero(steps > least_step) + 1).tolist():
             if row < end:
                 continue
             after = np.abs(positions[row + 1 : row + 1 + MOST_IN_A_ROW] - positions[row - 1])
-            back = np.flatnonzero(after <= 0.5 * far)
+            back = np.flatnonzero(after <= 0.5 * least_step)
             if len(back):
                 end = row + int(back[0]) + 1
                 parts.append((row, end))
@@ -283,14 +283,14 @@ class ImpossibleSamples:
 
     def _excessive(self, sensors: Mapping[str, NDArray[np.float64]], n: int) -> NDArray[np.bool_]:
         """Return a mask, ``(n,)``, of speeds or currents that briefly exceed their limit."""
-        beyond = np.zeros(n, bool)
+        is_excessive = np.zeros(n, bool)
         for name in ("speed", "current"):
             if name in self._limits and name in sensors:
-                beyond |= np.abs(sensors[name]) > self._limits[name]
-        for start, end in _runs(beyond):
+                is_excessive |= np.abs(sensors[name]) > self._limits[name]
+        for start, end in _runs(is_excessive):
             if end - start > MOST_IN_A_ROW:
-                beyond[start:end] = False
-        return beyond
+                is_excessive[start:end] = False
+        return is_excessive
 
 
 def _moves(command: NDArray[np.float64], jump: float, edge: int) -> bool:

@@ -253,11 +253,12 @@ class JointFinder:
             return False
         holder = self._actuators.get(actuator)
         if holder is not None:
-            held = self._decided[holder].home
+            holder_topic = self._decided[holder].home
             self._refuse(
                 *(topic, key.joint),
-                f"joint {key.joint!r} on {topic} and joint {holder.joint!r} on {held} would both "
-                f"be the actuator {actuator}: rename one, or select topics with state_topics",
+                f"joint {key.joint!r} on {topic} and joint {holder.joint!r} on {holder_topic} "
+                f"would both be the actuator {actuator}: rename one, or select topics with "
+                "state_topics",
             )
             return False
         if len(self._decided) >= self._most:

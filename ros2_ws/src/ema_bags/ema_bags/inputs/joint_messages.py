@@ -172,5 +172,5 @@ def _array(message: Any, path: str) -> NDArray[np.float64]:
 def _interface(item: Any, name: str) -> float:
     """Return the value of an interface of one joint; NaN if the joint lacks it."""
     names = list(item.interface_names)
-    place = names.index(name) if name in names else len(item.values)
-    return float(item.values[place]) if place < len(item.values) else np.nan
+    index = names.index(name) if name in names else len(item.values)
+    return float(item.values[index]) if index < len(item.values) else np.nan

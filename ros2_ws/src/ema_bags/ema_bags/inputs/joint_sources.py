@@ -229,12 +229,12 @@ def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
     for offer in offers:
         if offer.is_state and offer.path_of("position"):
             continue
-        places = robots.get(offer.joint, [])
-        containing = [place for place in places if _is_within(offer.topic, place)]
+        namespaces = robots.get(offer.joint, [])
+        containing = [namespace for namespace in namespaces if _is_within(offer.topic, namespace)]
         if containing:
             robot = max(containing, key=len)
-        elif len(places) == 1:
-            [robot] = places
+        elif len(namespaces) == 1:
+            [robot] = namespaces
         else:
             # A controller publishes in its own namespace, within the namespace of the robot.
             robot = namespace_of(f"/{namespace_of(offer.topic)}")
@@ -244,8 +244,8 @@ def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
 
 def _robot_of(topic: str, robots: Set[str]) -> str | None:
     """Return the robot with the innermost namespace that contains a topic; None without one."""
-    return max((place for place in robots if _is_within(topic, place)), key=len, default=None)
+    return max((robot for robot in robots if _is_within(topic, robot)), key=len, default=None)
 
 
-def _is_within(topic: str, place: str) -> bool:
-    return not place or topic.strip("/").startswith(f"{place}/")
+def _is_within(topic: str, namespace: str) -> bool:
+    return not namespace or topic.strip("/").startswith(f"{namespace}/")

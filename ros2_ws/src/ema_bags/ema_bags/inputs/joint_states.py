@@ -65,10 +65,10 @@ class _Topic:
         order = self.orders.get(names)
         if order is None:
             # If a name occurs twice, the first value is used.
-            places: dict[str, int] = {
-                name: place for place, name in reversed(list(enumerate(names)))
+            indices: dict[str, int] = {
+                name: index for index, name in reversed(list(enumerate(names)))
             }
-            order = np.array([places.get(joint, -1) for joint in joints], dtype=np.intp)
+            order = np.array([indices.get(joint, -1) for joint in joints], dtype=np.intp)
             if len(self.orders) >= _MOST_ORDERS:
                 self.orders.clear()
             self.orders[names] = order
@@ -164,17 +164,17 @@ class JointStates:
         keys = self._topics[topic].fields
         # (n, joints in the message) per field; (n, 0) if the messages have no values for it.
         tables = [np.array([row.values[k] for row in rows], dtype=float) for k in range(len(keys))]
-        for place, joint in zip(rows[0].order, self._joints, strict=True):
+        for index, joint in zip(rows[0].order, self._joints, strict=True):
             columns = self._columns.get(joint)
             if columns is None:
                 continue
-            if place < 0:
+            if index < 0:
                 if topic == self._primary:
                     columns.miss(arrivals)
                 continue
             values = {
-                key: np.ascontiguousarray(table[:, place])
-                if place < table.shape[1]
+                key: np.ascontiguousarray(table[:, index])
+                if index < table.shape[1]
                 else np.full(len(rows), np.nan)
                 for key, table in zip(keys, tables, strict=True)
             }
@@ -215,9 +215,9 @@ class JointColumns:
         self._missing_ns: tuple[int, int] | None = None
         self._joint = joint
         self._types = types
-        nothing = np.empty(0, dtype=np.int64)
+        no_stamps = np.empty(0, dtype=np.int64)
         self._empty = {
-            topic: Series(nothing, nothing, {key: np.empty(0) for key in keys})
+            topic: Series(no_stamps, no_stamps, {key: np.empty(0) for key in keys})
             for topic, keys in fields.items()
         }
         self._series: dict[str, list[Series]] = {topic: [] for topic in fields}
@@ -253,11 +253,11 @@ class JointColumns:
 
     def take(self) -> dict[str, Series]:
         """Return the series collected since the previous call, by topic."""
-        taken = {
+        collected = {
             topic: sum(series, start=self._empty[topic]) for topic, series in self._series.items()
         }
         self._series = {topic: [] for topic in self._series}
-        return taken
+        return collected
 
     def problem(self) -> str:
         """Return a text that states since when the messages lack the joint, or ""."""

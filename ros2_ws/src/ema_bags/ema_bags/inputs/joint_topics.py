@@ -96,15 +96,15 @@ class JointTopics:
         """
         if not is_read(topic, kind):
             return
-        held = self._topics.setdefault(topic, _Topic(kind))
+        collected = self._topics.setdefault(topic, _Topic(kind))
         reading = read_message(kind, message)
-        if reading.form not in held.columns:
-            held.columns[reading.form] = reading.columns()
+        if reading.form not in collected.columns:
+            collected.columns[reading.form] = reading.columns()
         header = getattr(message, "header", None)
         stamp = NO_STAMP
         if header is not None:
             stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec or NO_STAMP
-        held.rows.append(_Row(stamp, sent_ns or received_ns, *reading[:2]))
+        collected.rows.append(_Row(stamp, sent_ns or received_ns, *reading[:2]))
 
     def joints(self, effort_unit: str = EFFORT_UNIT) -> list[TopicJoint]:
         """Return the recognised joints, in the order in which they appear.
@@ -228,8 +228,8 @@ def _with_commands(joints: Sequence[TopicJoint], numbers: Sequence[_Samples]) ->
         elif options and joint is farthest:
             item, path = options[0]
             guessed = Doubt(DoubtKind.ELEMENT_GUESSED, "command", path)
-            alone = Doubt(DoubtKind.NAME_ALONE, "command", f"{item.topic} {path}")
-            completed.append(_commanded(joint, options[0], (guessed, alone)))
+            by_name = Doubt(DoubtKind.NAME_ALONE, "command", f"{item.topic} {path}")
+            completed.append(_commanded(joint, options[0], (guessed, by_name)))
         else:
             doubt = Doubt(DoubtKind.NO_COMMAND, "command")
             guess = joint.guess

@@ -65,8 +65,8 @@ class ThinnedMotion:
         starts = np.arange(0, len(times) - stride, stride)
         ends = starts + stride
         seconds = times[ends] - times[starts]
-        whole = np.abs(seconds / (stride * period) - 1.0) < _GAP / max(stride, 3)
-        starts, ends, seconds = starts[whole], ends[whole], seconds[whole]
+        has_no_gap = np.abs(seconds / (stride * period) - 1.0) < _GAP / max(stride, 3)
+        starts, ends, seconds = starts[has_no_gap], ends[has_no_gap], seconds[has_no_gap]
         if len(starts) < _LEAST_POINTS:
             return None
 
@@ -202,10 +202,10 @@ class ThinnedMotion:
         angle = self.position[chosen, 0]
         terms = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle), acceleration]
         matrix = np.column_stack([term / max(np.max(np.abs(term)), 1e-300) for term in terms])
-        both = np.column_stack([speed[chosen], self.current[chosen]])
-        residuals = both - matrix @ np.linalg.lstsq(matrix, both, rcond=None)[0]
+        targets = np.column_stack([speed[chosen], self.current[chosen]])
+        residuals = targets - matrix @ np.linalg.lstsq(matrix, targets, rcond=None)[0]
         sizes = np.sqrt(np.sum(residuals**2, axis=0))
-        if np.any(sizes <= 1e-9 * np.sqrt(np.sum(both**2, axis=0))):
+        if np.any(sizes <= 1e-9 * np.sqrt(np.sum(targets**2, axis=0))):
             return None
         return float(residuals[:, 0] @ residuals[:, 1] / np.prod(sizes))
 

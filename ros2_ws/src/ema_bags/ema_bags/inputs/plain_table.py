@@ -38,7 +38,7 @@ def read_plain_csv(
     if any(len(cell) > _MOST_DIGITS and _WHOLE.fullmatch(cell) for cell in cells):
         return None
     are_whole = [all(map(_WHOLE.fullmatch, column)) for column in zip(*rows, strict=True)]
-    kinds = [(f"f{i}", np.int64 if whole else float) for i, whole in enumerate(are_whole)]
+    kinds = [(f"f{i}", np.int64 if is_whole else float) for i, is_whole in enumerate(are_whole)]
     delimiter = None if separator == " " else separator
     try:
         with warnings.catch_warnings():

@@ -65,12 +65,12 @@ def _several(pattern: NDArray[np.float64]) -> InputDefect:
 
 def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:
     """Return the pattern of steps if they repeat after exactly `length` steps, else None."""
-    whole = steps[: len(steps) // length * length].reshape(-1, length)
-    usual = float(np.median(whole.mean(axis=1)))
+    periods = steps[: len(steps) // length * length].reshape(-1, length)
+    usual = float(np.median(periods.mean(axis=1)))
     # Compare nearby steps only, because clock drift changes the pattern slowly.
-    near, again = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, length))
-    is_pattern = np.percentile(again, 90.0) <= _ALTERNATING / 2.0
-    if not is_pattern or np.percentile(near, 100.0 - 50.0 / length) < _ALTERNATING:
+    next_changes, period_changes = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, length))
+    is_pattern = np.percentile(period_changes, 90.0) <= _ALTERNATING / 2.0
+    if not is_pattern or np.percentile(next_changes, 100.0 - 50.0 / length) < _ALTERNATING:
         return None
-    pattern: NDArray[np.float64] = np.median(whole, axis=0)
+    pattern: NDArray[np.float64] = np.median(periods, axis=0)
     return pattern

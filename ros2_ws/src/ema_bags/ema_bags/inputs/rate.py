@@ -71,10 +71,12 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
     reach = 2
     while reach <= min(_LONGEST_REACH, len(stamps_ns) - 1):
         spans = (stamps_ns[reach:] - stamps_ns[:-reach]).astype(np.float64)
-        whole = spans[np.abs(spans - reach * period) < 0.45 * period]
-        if len(whole) < max(1, len(spans) // 50):
+        complete = spans[np.abs(spans - reach * period) < 0.45 * period]
+        if len(complete) < max(1, len(spans) // 50):
             break
-        period = float(np.median(whole)) / reach if reach > 8 else float(np.mean(whole)) / reach
+        period = (
+            float(np.median(complete)) / reach if reach > 8 else float(np.mean(complete)) / reach
+        )
         reach *= 2
     measured = period * 1e-9
     nominal = 1.0 / rate_hz if rate_hz else _common_period(measured)
@@ -108,8 +110,8 @@ def _jitter(stamps_ns: NDArray[np.int64], period_ns: float) -> float:
     length = min(_LONGEST_REACH, len(stamps_ns))
     if length < 3:
         return 0.0
-    whole = len(stamps_ns) // length * length
-    rows = (stamps_ns[:whole].reshape(-1, length) - stamps_ns[:whole:length, None]).astype(float)
+    count = len(stamps_ns) // length * length
+    rows = (stamps_ns[:count].reshape(-1, length) - stamps_ns[:count:length, None]).astype(float)
     residuals = rows - period_ns * np.arange(length)
     residuals -= np.median(residuals, axis=1, keepdims=True)
     # The median over stretches rejects stretches with lost samples.

@@ -151,15 +151,15 @@ class Recognizer:
         if not self.can_judge:
             return []
         scores = np.array([self._position_score(a) for a in range(len(self.names))])
-        joints, taken = [], set[int]()
+        joints, used = [], set[int]()
         for a in np.argsort(-scores, kind="stable"):
-            if scores[a] < _LEAST_SCORE or int(a) in taken:
+            if scores[a] < _LEAST_SCORE or int(a) in used:
                 continue
-            joint = self._joint_of(int(a), taken)
+            joint = self._joint_of(int(a), used)
             joints.append(joint)
-            taken |= {self.names.index(item.name) for item in joint.columns.values()}
+            used |= {self.names.index(item.name) for item in joint.columns.values()}
             # Copies of this position do not form further joints.
-            taken |= {b for b in range(len(self.names)) if self._is_copy(int(a), b)}
+            used |= {b for b in range(len(self.names)) if self._is_copy(int(a), b)}
         return joints
 
     def copies(self, name: str) -> list[str]:
@@ -188,11 +188,11 @@ class Recognizer:
             columns["position"] = IdentifiedColumn(self.names[a], is_confirmed=True)
         return JointColumns(columns)
 
-    def _rates_of(self, a: int, taken: set[int]) -> list[int]:
+    def _rates_of(self, a: int, used: set[int]) -> list[int]:
         return [
             b
             for b in range(len(self.names))
-            if b != a and b not in taken and self._rate_score(a, b) >= 1.0
+            if b != a and b not in used and self._rate_score(a, b) >= 1.0
         ]
 
     def _rate_score(self, a: int, b: int) -> float:
@@ -214,22 +214,22 @@ class Recognizer:
 
     def _position_score(self, a: int) -> float:
         """Return a score for a column as the measured position of a joint."""
-        rest = [b for b in range(len(self.names)) if b != a]
+        others = [b for b in range(len(self.names)) if b != a]
         hint = self._hints[a]
-        rate = max((self._rate_score(a, b) for b in rest), default=0.0)
+        rate = max((self._rate_score(a, b) for b in others), default=0.0)
         is_rate = max(
             (
                 self._rate[b][a].correlation ** 2
-                for b in rest
+                for b in others
                 if self._is_sure_rate(b, a) and not self._hints[b].supports("effort") > 0.0
             ),
             default=0.0,
         )
-        follows = max((self._copy[b][a].correlation for b in rest), default=0.0)
+        follows = max((self._copy[b][a].correlation for b in others), default=0.0)
         if rate < 1.0:
             # Without a speed, a column is a position if it explains an effort, especially if it
             # also follows a command.
-            efforts = [b for b in rest if not self._is_copy(a, b)]
+            efforts = [b for b in others if not self._is_copy(a, b)]
             explained = max((self._explained_effort(a, b) for b in efforts), default=0.0)
             rate = max(explained if follows > _FOLLOWS else 0.5 * explained, 0.0)
         return (
@@ -244,11 +244,11 @@ class Recognizer:
         relation = self._copy[a][b]
         return a != b and abs(relation.correlation) > _SAME
 
-    def _command_of(self, a: int, taken: set[int]) -> IdentifiedColumn | None:
+    def _command_of(self, a: int, used: set[int]) -> IdentifiedColumn | None:
         """Return the command that a position follows, or None."""
         candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
-            if b in taken:
+            if b in used:
                 continue
             hint, relation = self._hints[b], self._copy[b][a]
             leads = relation.lag_s > 0.5 * self.period
@@ -269,12 +269,12 @@ class Recognizer:
         best = max(candidates, key=lambda b: candidates[b][0])
         return IdentifiedColumn(self.names[best], candidates[best][1])
 
-    def _effort_of(self, a: int, taken: set[int]) -> IdentifiedColumn | None:
+    def _effort_of(self, a: int, used: set[int]) -> IdentifiedColumn | None:
         """Return the column best explained by inertia, friction and gravity, or None."""
         candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
             hint = self._hints[b]
-            if b in taken or self._is_copy(a, b) or hint.supports("effort") < 0.0:
+            if b in used or self._is_copy(a, b) or hint.supports("effort") < 0.0:
                 continue
             explained = self._explained_effort(a, b)
             if explained < _EXPLAINED and not hint.supports("effort") > 0.0:
@@ -294,8 +294,8 @@ class Recognizer:
         explained = []
         for fitted in (block, ~block):
             weights, *_ = np.linalg.lstsq(terms[fitted], effort[fitted], rcond=None)
-            rest = effort[~fitted] - terms[~fitted] @ weights
-            explained.append(1.0 - float(np.var(rest) / max(np.var(effort[~fitted]), 1e-300)))
+            residual = effort[~fitted] - terms[~fitted] @ weights
+            explained.append(1.0 - float(np.var(residual) / max(np.var(effort[~fitted]), 1e-300)))
         return min(explained)
 
     def _motion_terms(self, a: int) -> NDArray[np.float64]:

@@ -192,8 +192,8 @@ class TableColumns:
 
     def _rows(self, rows: slice) -> Self:
         values, texts, exchanged = (
-            {name: column[rows] for name, column in some.items()}
-            for some in (self.values, self.texts, self.exchanged)
+            {name: column[rows] for name, column in columns.items()}
+            for columns in (self.values, self.texts, self.exchanged)
         )
         return replace(self, values=values, texts=texts, exchanged=exchanged)
 
@@ -205,10 +205,10 @@ class TableColumns:
         ValueError
             If a column does not exist.
         """
-        everything = self.values | self.texts
-        if unknown := next((name for name in names if name not in everything), None):
-            raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
-        cells = pd.DataFrame({name: everything[name] for name in names}).astype(str)
+        columns = self.values | self.texts
+        if unknown := next((name for name in names if name not in columns), None):
+            raise ValueError(f"{self.path}: {unknown_name('column', unknown, columns)}")
+        cells = pd.DataFrame({name: columns[name] for name in names}).astype(str)
         return [*np.flatnonzero((cells != cells.shift()).any(axis=1)).tolist(), len(cells)]
 
 
@@ -227,10 +227,10 @@ def stamps_of(times: NDArray[Any], unit_ns: int, epoch: int = 0) -> NDArray[np.i
     if np.issubdtype(times.dtype, np.integer):
         return (times.astype(np.int64) - epoch) * unit_ns
     finite = np.isfinite(times)
-    whole = np.where(finite, np.floor(times), 0.0)
+    integers = np.where(finite, np.floor(times), 0.0)
     # Convert integer part and fraction separately to keep full precision.
-    fraction = np.where(finite, times - whole, 0.0)
-    stamps = (whole.astype(np.int64) - epoch) * unit_ns + np.rint(fraction * unit_ns).astype(
+    fraction = np.where(finite, times - integers, 0.0)
+    stamps = (integers.astype(np.int64) - epoch) * unit_ns + np.rint(fraction * unit_ns).astype(
         np.int64
     )
     return np.where(finite, stamps, NO_STAMP)

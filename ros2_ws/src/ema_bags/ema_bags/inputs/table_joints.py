@@ -123,16 +123,16 @@ class TableJoints:
     def _outside(self, families: Sequence[JointNames]) -> list[Guess]:
         """Return the joint among the columns that belong to no family, such as a gripper."""
         used = {name for family in families for name in family.columns.values()}
-        left = [name for name in self._names if name not in used]
+        remaining = [name for name in self._names if name not in used]
         named = [
             name
-            for name in left
+            for name in remaining
             if self._hint(name).supports("position") > 0.0 and not self._hint(name).is_commanded
         ]
-        item = self._recognise({name: name for name in left}) if named else _Recognised(None)
+        item = self._recognise({name: name for name in remaining}) if named else _Recognised(None)
         if item.joint is None or item.joint.columns["position"].name not in named:
             return []
-        return [self._guess(item.joint.columns["position"].name, left, item)]
+        return [self._guess(item.joint.columns["position"].name, remaining, item)]
 
     def _hint(self, name: str) -> Hint:
         return hint_of(name, self._columns.units.get(name, ""))

@@ -83,10 +83,10 @@ class Unwrapper:
     def _align(self, raw: Mapping[str, NDArray[np.float64]]) -> None:
         """Align the command to the position if their first values differ by a wrap."""
         command, position = self._angles["command"], self._angles["position"]
-        both = np.isfinite(raw["command"]) & np.isfinite(raw["position"])
-        if not math.isnan(command.last) or not np.any(both) or command.turn != position.turn:
+        is_finite = np.isfinite(raw["command"]) & np.isfinite(raw["position"])
+        if not math.isnan(command.last) or not np.any(is_finite) or command.turn != position.turn:
             return
-        first = int(np.argmax(both))
+        first = int(np.argmax(is_finite))
         ahead = float(raw["command"][first] - raw["position"][first])
         if abs(ahead) < command.turn and abs(ahead) > (1.0 - _SLOW) * command.turn:
             command.offset = -math.copysign(command.turn, ahead)
@@ -144,8 +144,10 @@ def _wraps(
         around = slice(max(0, at - _AROUND), at + _AROUND + 1)
         usual = all_sizes[around][are_usual[around]]
         longest = float(np.max(usual, initial=0.0))
-        left = abs(sizes[row] - period)
+        remainder = abs(sizes[row] - period)
         wraps[row] = (
-            len(usual) > 0 and longest < _SLOW * period and left < _ALIKE * longest + _NEAR * period
+            len(usual) > 0
+            and longest < _SLOW * period
+            and remainder < _ALIKE * longest + _NEAR * period
         )
     return wraps
