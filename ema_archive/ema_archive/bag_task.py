@@ -185,7 +185,7 @@ def _rows_of_unit(
 def _without_window(bag_windows: BagWindows) -> str:
     """Return the reason why a bag has no window or record."""
     name = bag_windows.description.actuator_id
-    if bag_windows.description.drive == "unknown":
+    if not bag_windows.description.is_modelled:
         return f"actuator {name!r} has no record to compare: {bag_windows.obstacle}"
     if not bag_windows.has_rested:
         why = "the command never rested"

@@ -10,7 +10,10 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import check_period
 from ema_core.wording import unknown_name
 
-DRIVES: Final = ("six_step", "field_oriented", "unknown")
+UNKNOWN_DRIVE: Final = "unknown"
+"""Name of a drive without a model."""
+
+DRIVES: Final = ("six_step", "field_oriented", UNKNOWN_DRIVE)
 """Types of drive: six-step commutation with current hysteresis, field-oriented control of a
 sinusoidal motor, or an unknown controller."""
 
@@ -55,6 +58,14 @@ class ActuatorDescription:
         """Actuator id and serial number, the key of the unit's stored data."""
         return self.actuator_id, self.serial_number
 
+    @property
+    def is_modelled(self) -> bool:
+        """Whether a model of the drive exists.
+
+        Without a model, records are only compared with healthy records.
+        """
+        return self.drive != UNKNOWN_DRIVE
+
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "model"):
             value = getattr(self, name)
@@ -64,10 +75,10 @@ class ActuatorDescription:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
-        if self.drive != "unknown" and not self.acquisition.command:
+        if self.is_modelled and not self.acquisition.command:
             raise ValueError(
                 f"no position command with drive = {self.drive}: expected a command, or drive = "
-                "unknown"
+                f"{UNKNOWN_DRIVE}"
             )
         if reason := standstill(self.parameters, self.drive):
             raise ValueError(reason)

@@ -71,7 +71,7 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
     if fault is None:
         return ""
     text, growth = fault.physical(k), fault.slope * (k - fault.healthy)
-    if p.lead and name == "friction" and description.drive != "unknown":
+    if p.lead and name == "friction" and description.is_modelled:
         text += f", {growth * (p.f_sm + p.f_su) / (_travel(p.lead) * p.tau):+.3g} N"
     elif p.lead and name == "backlash":
         text += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"

@@ -88,7 +88,7 @@ def calibrate(
     description = value_or_default(
         "description", description, ActuatorDescription, ActuatorDescription
     )
-    if description.drive == "unknown":
+    if not description.is_modelled:
         return calibrate_joint(windows, description)
     calibration = calibrate_model(windows, description, form)
     reason = "" if accepted_by else implausible(calibration, windows[0])
@@ -271,7 +271,7 @@ class CalibrationStore:
 
     def _pattern(self, description: ActuatorDescription) -> str:
         """Return the path of an actuator's calibration with its placeholders; empty if none."""
-        is_learned = description.drive == "unknown" and self._learned_file
+        is_learned = not description.is_modelled and self._learned_file
         return self._learned_file if is_learned else self._file
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:

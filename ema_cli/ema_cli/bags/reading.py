@@ -190,7 +190,7 @@ def identifiable_windows(
 def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -> str:
     """Return the reason why a bag has no window, from the motion of command or position."""
     settings = source.trigger
-    if bag_windows.description.drive == "unknown":
+    if not bag_windows.description.is_modelled:
         reason = bag_windows.obstacle or (
             f"a record requires {LEAST_MOTION_S:g} s of motion, but the position never changes"
         )

@@ -110,7 +110,7 @@ def _require_same(
     band.
     """
     same = described
-    if expected.drive == described.drive == "unknown":
+    if not (expected.is_modelled or described.is_modelled):
         same = replace(described, sample_period=expected.sample_period)
     if differences := "; ".join(differing(expected, same, str(first), str(bag))):
         raise ValueError(

@@ -56,7 +56,7 @@ def _show(bag_windows: BagWindows) -> None:
     words = f"actuator {unit.actuator_id}", f"serial number {unit.serial_number}", unit.model
     click.echo(", ".join(filter(None, words)))
     nominal = unit.parameters.as_mapping()
-    if unit.drive == "unknown":
+    if not unit.is_modelled:
         # All other parameters come from the built-in actuator and are not used.
         used = (name for name in _OF_UNKNOWN if nominal[name] not in (0.0, NEUTRAL.get(name)))
         nominal = {name: nominal[name] for name in used}

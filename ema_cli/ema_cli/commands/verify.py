@@ -346,6 +346,6 @@ def _seen_by_a_monitor(window: RecordedWindow) -> Iterator[tuple[RecordedWindow,
     yield window, ""
     if window.play is not None:
         yield replace(window, play=None), "during the motion before the window"
-    elif window.description.drive != "unknown":
+    elif window.description.is_modelled:
         for play in (1.0, -1.0):
             yield replace(window, play=play), "before the recording"

@@ -181,7 +181,7 @@ class JointCalibration(StoredCalibration):
     def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
         """Return the differences between a description and the calibrated unit; empty if none."""
         differences: list[Difference] = []
-        if description.drive != "unknown":
+        if description.is_modelled:
             differences.append(("drive", description.drive, "unknown"))
         measured = description.acquisition.speed
         if measured != self.speed_measured:

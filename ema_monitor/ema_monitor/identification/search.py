@@ -274,7 +274,7 @@ class ModelIdentification:
         self, window: Window, calibration: Calibration, mismatch: tuple[Difference, ...]
     ) -> _Defect | None:
         """Return the defect that prevents an estimate, or None."""
-        if self.description.drive == "unknown":
+        if not self.description.is_modelled:
             return _Defect(DriveUnknown(), lacks_calibration=True)
         if failure := drive_defect(window, self.description.parameters):
             # A speed in a wrong unit may look like a standstill.

@@ -130,7 +130,7 @@ class BagWindows:
     @property
     def kind(self) -> str:
         """Noun for a window: "record" if the drive is unknown, else "window"."""
-        return "record" if self.description.drive == "unknown" else "window"
+        return "window" if self.description.is_modelled else "record"
 
     @property
     def simulated_faults(self) -> bool:

@@ -320,7 +320,7 @@ class WindowFinder:
 
 
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
-    if description.drive == "unknown":
+    if not description.is_modelled:
         return RecordTrigger(description.parameters, settings)
     if settings.windows == ANY_MOTION:
         return StretchTrigger(description.parameters, settings)

@@ -94,7 +94,7 @@ def _shown_by(
     description: ActuatorDescription | None, faults: Iterable[FaultHealth]
 ) -> list[FaultHealth]:
     """Return the faults that tests of this actuator can detect."""
-    if description is None or description.drive != "unknown":
+    if description is None or description.is_modelled:
         return list(faults)
     return [item for item in faults if item.name in FAULTS_OF_RECORDS.values()]
 

@@ -69,7 +69,7 @@ class Baselines:
 
     def learns(self, description: ActuatorDescription) -> bool:
         """Return whether the baseline of a unit is learned."""
-        return self._folder is not None and description.drive == "unknown"
+        return self._folder is not None and not description.is_modelled
 
     def resume(self, description: ActuatorDescription) -> None:
         """Publish the progress of a unit that has just been described."""

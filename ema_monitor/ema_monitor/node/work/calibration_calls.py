@@ -143,7 +143,7 @@ class CalibrationCalls:
                 self._require_no_alarm(description)
             accepted_by = person if request.force else ""
             has_clock = self._settings.operation.value.has_clock
-            if description.drive == "unknown" and not has_clock:
+            if not description.is_modelled and not has_clock:
                 windows = [window.without_date() for window in windows]
             calibration = calibrate(windows, description, accepted_by=accepted_by)
             if goal and goal.is_cancel_requested:

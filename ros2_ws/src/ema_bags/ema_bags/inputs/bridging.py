@@ -423,7 +423,7 @@ class Bridge:
             *stream_defects(
                 self.losses - first.losses,
                 self.rebuilt - first.rebuilt,
-                is_unknown=self._description.drive == "unknown",
+                is_unknown=not self._description.is_modelled,
             ),
             *not_finite({name: column[-last_s:] for name, column in columns.items()}),
             *find_defects(columns, times, self.mapping, self._stream.description),

@@ -48,7 +48,7 @@ def with_lead(description: ActuatorDescription, mapping: ColumnMapping) -> Actua
     joints have no screw; for them an arbitrary lead is used.
     """
     parameters, position = description.parameters, mapping.position
-    if description.drive != "unknown" or parameters.lead or position.unit not in LINEAR:
+    if description.is_modelled or parameters.lead or position.unit not in LINEAR:
         return description
     lead = position.lead or _NEUTRAL_LEAD
     return replace(description, parameters=replace(parameters, lead=lead))
@@ -146,7 +146,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
     """Return the factor from source values or phase magnitudes to equivalent current [A]."""
     p = description.parameters
     is_effort = source.kind in ("equivalent", "magnitude") and source.unit not in CURRENTS
-    if is_effort and description.drive != "unknown":
+    if is_effort and description.is_modelled:
         raise ValueError(
             f"current: unit = {source.unit} with kind = {source.kind} and drive = "
             f"{description.drive}: expected {' or '.join(CURRENTS)}, or kind = motor_torque, "
@@ -163,7 +163,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
     if kind == "force":
         if lead := p.lead or lead:
             return factor * lead / (2.0 * math.pi) * p.tau / p.k_t
-        if description.drive != "unknown":
+        if description.is_modelled:
             raise ValueError(
                 "current: kind = force with lead = 0: expected the travel per shaft turn in the "
                 "actuator file (lead [m])"

@@ -57,13 +57,13 @@ def find_defects(
         Stamps of the samples, ``(n,)`` [ns].
     """
     defects = list(_other_drive(mapping, description))
-    defects += _held(columns, stamps_ns, is_unknown=description.drive == "unknown")
+    defects += _held(columns, stamps_ns, is_unknown=not description.is_modelled)
     defects += _jumps(columns["position"], stamps_ns)
     defects += _beyond_travel(columns["command"], columns["position"])
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return defects
-    defects += _frozen(columns, motion, is_unknown=description.drive == "unknown")
+    defects += _frozen(columns, motion, is_unknown=not description.is_modelled)
     if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in defects}:
         # If position or speed repeats values, their ratio reflects delays, not gears.
         if not any(item.name == "values_repeat" and item.is_error for item in defects):

@@ -96,7 +96,7 @@ def explain(
     """
     p = description.parameters
     # An unknown drive has no known limits.
-    is_known = description.drive != "unknown"
+    is_known = description.is_modelled
     gain = motion.gain
     ratio = motion.speed_ratio if is_known else motion.stroke_ratio
     reach = float(np.max(np.abs(motion.position)))

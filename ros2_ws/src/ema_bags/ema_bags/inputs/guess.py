@@ -127,11 +127,11 @@ def refine(
                 change=change,
             )
         )
-    if description.drive == "unknown" and description.parameters.tau == 1.0:
+    if not description.is_modelled and description.parameters.tau == 1.0:
         mapping = _of_joint(mapping)
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
-        if description.drive == "unknown":
+        if not description.is_modelled:
             # Without known inertia and friction, only the sign can be determined.
             dissipation = motion.dissipation
             relation = None if dissipation is None else (1.0, dissipation)

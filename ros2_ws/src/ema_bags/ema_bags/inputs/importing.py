@@ -83,7 +83,7 @@ class SampleStream:
         motion = tuple(
             self.filled.index(name) for name in ("command", "position") if name in self.filled
         )
-        steady = {"payload", "current"} if description.drive == "unknown" else {"payload"}
+        steady = {"payload"} if description.is_modelled else {"payload", "current"}
         nearest = tuple(i for i, name in enumerate(self.filled) if name in steady)
         self._resampler = Resampler(rate, mapping.fill_lost, motion, nearest)
 
@@ -257,7 +257,7 @@ def import_series(
             stream.losses,
             rebuilt,
             of_table=mapping.is_table,
-            is_unknown=description.drive == "unknown",
+            is_unknown=not description.is_modelled,
         ),
         *not_finite(columns),
         *defects,

@@ -65,9 +65,9 @@ class InputBag(InputFile):
         """Recognise the joints on the topics, in order of decreasing travel."""
         del clock  # messages have stamps
         # The effort of a drive with a data sheet is its current.
-        unit = EFFORT_UNIT if description.drive == "unknown" else "A"
+        unit = "A" if description.is_modelled else EFFORT_UNIT
         joints = recorded_joints(self._bag, unit)
-        if description.drive != "unknown":
+        if description.is_modelled:
             joints = [joint for joint in joints if joint.guess.mapping.has_command]
         if joints:
             return [(joint.guess, joint.by_topic) for joint in joints]

@@ -25,7 +25,7 @@ def limits_of(
     period
         Sample period [s].
     """
-    if description.drive == "unknown":
+    if not description.is_modelled:
         return {}
     parameters = description.parameters
     top = parameters.top_speed

@@ -69,7 +69,7 @@ class TableJoints:
         self, columns: TableColumns, clock: Clock | None, description: ActuatorDescription
     ) -> None:
         self._columns = columns
-        self._needs_command = description.drive != "unknown"
+        self._needs_command = description.is_modelled
         self._doubts = [Doubt(DoubtKind.NO_NUMBERS, column=name) for name in columns.texts]
         if clock is None:
             clock, self._names = guess_clock(columns, self._doubts)

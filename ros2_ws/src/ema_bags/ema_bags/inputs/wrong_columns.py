@@ -33,7 +33,7 @@ def wrong_factors(
     motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield a defect for each unit, sign or shaft that is inconsistent with the other columns."""
-    is_unknown = description.drive == "unknown"
+    is_unknown = not description.is_modelled
     changes = explain(motion, mapping, description)
     if changes:
         is_certain = not is_unknown or motion.is_ample
@@ -96,7 +96,7 @@ def wrong_current(
 ) -> Iterator[InputDefect]:
     """Yield a defect if the sign or size of the current contradicts acceleration and friction."""
     source = mapping.measured_current
-    if description.drive == "unknown":
+    if not description.is_modelled:
         correlation = motion.dissipation
         is_opposed = correlation is not None and correlation < -_OPPOSED
         # After a step command, a correct effort may brake; only a wrong sign gains net energy.
