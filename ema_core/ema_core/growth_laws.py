@@ -6,15 +6,102 @@ the rate a [1/h], or the time scale c [h] of the power law; ``shape`` is the sec
 or p [-] (P3).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-EXACT_LAWS: Final = (
-    *("constant", "linear", "exponential", "archard", "self_heating", "power", "drift"),
-)
+_LARGEST: Final = 700.0
+"""Largest exponent whose exponential is a finite float [-]."""
+
+
+class _Solution(Protocol):
+    """Exact solution of a law. Arguments are as in `increment` and `hours_until`."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any: ...
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any: ...
+
+
+class _Constant:
+    """No growth."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        return np.zeros(np.broadcast(x, rate, shape, u).shape)
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        return np.full(np.broadcast(x, rate, shape, limit).shape, np.inf)
+
+
+class _Linear:
+    """dx/du = a; also the mean of a Wiener process with drift a."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        return rate * u + np.zeros(np.broadcast(x, shape).shape)
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        return (limit - x) / rate + np.zeros(shape.shape)
+
+
+class _Exponential:
+    """dx/du = a (x + x_0)."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        return (x + shape) * np.expm1(np.minimum(rate * u, _LARGEST))
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        return np.log((limit + shape) / (x + shape)) / rate
+
+
+class _Archard:
+    """dx/du = a (1 + b x)."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        grown = (1.0 / shape + x) * np.expm1(np.minimum(rate * shape * u, _LARGEST))
+        return np.where(shape == 0.0, rate * u, grown)
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        bent = np.log1p(shape * (limit - x) / (1.0 + shape * x)) / (rate * shape)
+        return np.where(shape == 0.0, (limit - x) / rate, bent)
+
+
+class _SelfHeating:
+    """dx/du = a exp(b x), which diverges after the time 1 / (a b exp(b x))."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        spent = rate * shape * u * np.exp(np.minimum(shape * x, _LARGEST))
+        grown = np.where(spent < 1.0, -np.log1p(-spent) / shape, np.inf)
+        return np.where(shape == 0.0, rate * u, grown)
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        bent = -np.exp(-shape * x) * np.expm1(-shape * (limit - x)) / (rate * shape)
+        return np.where(shape == 0.0, (limit - x) / rate, bent)
+
+
+class _Power:
+    """x = (u / c)^p, where the rate is the time scale c."""
+
+    def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
+        age = x ** (1.0 / shape) + u / rate
+        return np.where(age > 0.0, np.exp(np.minimum(shape * np.log(age), _LARGEST)), 0.0) - x
+
+    def hours(self, x: Any, rate: Any, shape: Any, limit: Any) -> Any:
+        return rate * (limit ** (1.0 / shape) - x ** (1.0 / shape))
+
+
+_SOLUTIONS: Final[Mapping[str, _Solution]] = {
+    "constant": _Constant(),
+    "linear": _Linear(),
+    "exponential": _Exponential(),
+    "archard": _Archard(),
+    "self_heating": _SelfHeating(),
+    "power": _Power(),
+    "drift": _Linear(),
+}
+
+EXACT_LAWS: Final = tuple(_SOLUTIONS)
 """Names of the laws with an exact solution, which can be simulated."""
 
 GROWING_LAWS: Final = EXACT_LAWS[1:]
@@ -22,9 +109,6 @@ GROWING_LAWS: Final = EXACT_LAWS[1:]
 
 TIME_SCALE_LAWS: Final = frozenset({"power"})
 """Names of the laws whose rate is a time scale [h]: the longer it is, the slower the growth."""
-
-_LARGEST: Final = 700.0
-"""Largest exponent whose exponential is a finite float [-]."""
 
 
 @dataclass(frozen=True)
@@ -75,24 +159,7 @@ def increment(
     """
     x, rate, shape, u = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, hours))
     with np.errstate(all="ignore"):
-        if law == "constant":
-            return np.zeros(np.broadcast(x, rate, shape, u).shape)
-        if law in ("linear", "drift"):
-            return rate * u + np.zeros(np.broadcast(x, shape).shape)
-        if law == "exponential":
-            return (x + shape) * np.expm1(np.minimum(rate * u, _LARGEST))
-        if law == "archard":
-            grown = (1.0 / shape + x) * np.expm1(np.minimum(rate * shape * u, _LARGEST))
-            return np.where(shape == 0.0, rate * u, grown)
-        if law == "self_heating":
-            # The solution diverges after the time 1 / (a b exp(b x)).
-            spent = rate * shape * u * np.exp(np.minimum(shape * x, _LARGEST))
-            grown = np.where(spent < 1.0, -np.log1p(-spent) / shape, np.inf)
-            return np.where(shape == 0.0, rate * u, grown)
-        if law == "power":
-            age = x ** (1.0 / shape) + u / rate
-            return np.where(age > 0.0, np.exp(np.minimum(shape * np.log(age), _LARGEST)), 0.0) - x
-    raise _unknown(law)
+        return _solution(law).increment(x, rate, shape, u)
 
 
 def hours_until(
@@ -126,25 +193,11 @@ def hours_until(
     """
     x, rate, shape, limit = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, limit))
     with np.errstate(all="ignore"):
-        straight = (limit - x) / rate
-        if law == "constant":
-            hours = np.full(np.broadcast(x, rate, shape, limit).shape, np.inf)
-        elif law in ("linear", "drift"):
-            hours = straight + np.zeros(shape.shape)
-        elif law == "exponential":
-            hours = np.log((limit + shape) / (x + shape)) / rate
-        elif law == "archard":
-            bent = np.log1p(shape * (limit - x) / (1.0 + shape * x)) / (rate * shape)
-            hours = np.where(shape == 0.0, straight, bent)
-        elif law == "self_heating":
-            bent = -np.exp(-shape * x) * np.expm1(-shape * (limit - x)) / (rate * shape)
-            hours = np.where(shape == 0.0, straight, bent)
-        elif law == "power":
-            hours = rate * (limit ** (1.0 / shape) - x ** (1.0 / shape))
-        else:
-            raise _unknown(law)
+        hours = _solution(law).hours(x, rate, shape, limit)
     return np.where(x >= limit, 0.0, hours)
 
 
-def _unknown(law: str) -> ValueError:
-    return ValueError(f"law = {law!r} is unknown; known: {', '.join(EXACT_LAWS)}")
+def _solution(law: str) -> _Solution:
+    if law not in _SOLUTIONS:
+        raise ValueError(f"law = {law!r} is unknown; known: {', '.join(EXACT_LAWS)}")
+    return _SOLUTIONS[law]
