@@ -75,7 +75,7 @@ export async function fetchSummary(most: number): Promise<Summary | null> {
   const content = await answer.json().catch(() => ({})) as Summary | { reason?: string };
   if (!answer.ok) {
     const reason = "reason" in content ? content.reason : undefined;
-    throw new Error(reason ?? `the dashboard answers ${answer.status}`);
+    throw new Error(reason ?? `the dashboard responded with status ${answer.status}`);
   }
   return (content as { archive: string | null }).archive === null ? null : content as Summary;
 }

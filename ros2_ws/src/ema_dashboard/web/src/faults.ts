@@ -74,10 +74,10 @@ export function physical(
 /** Growth of a fault of a linear actuator at the rod, in mm or N; "" for other actuators. */
 function atTheRod(fault: Fault, growth: number, unit?: ActuatorDescription): string {
   if (!unit || !(unit.lead > 0)) return "";
-  const way = (unit.lead / (2 * Math.PI)) * unit.gear_ratio;
-  const told = (amount: number, name: string) =>
+  const travelPerAngle = (unit.lead / (2 * Math.PI)) * unit.gear_ratio;
+  const growthText = (amount: number, name: string) =>
     `, ${amount < 0 ? "−" : "+"}${significant(Math.abs(amount), 3)} ${name}`;
-  if (fault.name === "backlash") return told(1e3 * growth * unit.backlash * way, "mm");
+  if (fault.name === "backlash") return growthText(1e3 * growth * unit.backlash * travelPerAngle, "mm");
   if (fault.name !== "friction" || unit.drive === UNKNOWN_DRIVE) return "";
-  return told((growth * (unit.motor_static_friction + unit.user_static_friction)) / way, "N");
+  return growthText((growth * (unit.motor_static_friction + unit.user_static_friction)) / travelPerAngle, "N");
 }

@@ -22,8 +22,8 @@ export function picture(curve: FrictionCurve): Picture {
   const covered = rows.filter(({ latest }) => Number.isFinite(latest));
   const judged = covered.filter(({ low, high }) => Number.isFinite(low) && Number.isFinite(high));
   const isOutside = ({ latest, low, high }: (typeof rows)[number]) => latest < low || latest > high;
-  const column = (of: (row: (typeof rows)[number]) => number) =>
-    rows.map((row) => (Number.isFinite(of(row)) ? of(row) : null));
+  const column = (read: (row: (typeof rows)[number]) => number) =>
+    rows.map((row) => (Number.isFinite(read(row)) ? read(row) : null));
   return {
     columns: [
       rows.map(({ speed }) => speed),

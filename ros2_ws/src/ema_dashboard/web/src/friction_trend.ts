@@ -8,8 +8,8 @@ const MOST_RECORDS = 2000;
 const MOST_POINTS = 48;
 const WIDTH_90 = 1.645; // standard deviations to either end of a 90 % interval
 
-const number = FAULTS.findIndex(({ name }) => name === "friction");
-const { slope } = FAULTS[number]!;
+const index = FAULTS.findIndex(({ name }) => name === "friction");
+const { slope } = FAULTS[index]!;
 
 /** Change of friction, averaged over consecutive records, oldest first [-]. */
 export interface FrictionTrend {
@@ -53,8 +53,8 @@ export class FrictionRecord {
     const trend: FrictionTrend = { change: [], low: [], high: [] };
     for (let start = 0; start < this.#points.length; start += size) {
       const points = this.#points.slice(start, start + size);
-      const mean = (of: (point: Point) => number) =>
-        points.reduce((sum, point) => sum + of(point), 0) / points.length;
+      const mean = (read: (point: Point) => number) =>
+        points.reduce((sum, point) => sum + read(point), 0) / points.length;
       trend.change.push(mean(({ change }) => change));
       trend.low.push(mean(({ change, sigma }) => change - WIDTH_90 * sigma));
       trend.high.push(mean(({ change, sigma }) => change + WIDTH_90 * sigma));
@@ -84,7 +84,7 @@ export class FrictionRecord {
 
 function pointsOf(tests: UnitTest[]): Point[] {
   return tests.map((test) => ({
-    stamp: seconds(test.stamp), change: slope * test.faults[number]!,
-    sigma: slope * test.sigmas[number]!,
+    stamp: seconds(test.stamp), change: slope * test.faults[index]!,
+    sigma: slope * test.sigmas[index]!,
   })).filter(({ change, sigma }) => Number.isFinite(change) && Number.isFinite(sigma));
 }

@@ -48,7 +48,7 @@ export interface Robot {
 /** Joints grouped by robot; robots are ordered by their worst joint, and by how many are that bad. */
 export function robotsOf(joints: Actuator[], rankOf: (joint: Actuator) => number): Robot[] {
   const robots = new Map<string, Robot>();
-  for (const joint of [...joints].sort((one, other) => byWorst(one, other, rankOf))) {
+  for (const joint of [...joints].sort((a, b) => byWorst(a, b, rankOf))) {
     const name = namesOf(joint.id).robot;
     const key = `${joint.namespace}/${name}`;
     const robot = robots.get(key) ?? { key, namespace: joint.namespace, name, joints: [] };
@@ -56,15 +56,15 @@ export function robotsOf(joints: Actuator[], rankOf: (joint: Actuator) => number
     robots.set(key, robot);
   }
   const worst = ({ joints: [first] }: Robot) => rankOf(first!);
-  const countOf = (robot: Robot) => robot.joints.filter((one) => rankOf(one) === worst(robot)).length;
-  return [...robots.values()].sort((one, other) =>
-    worst(one) - worst(other) || countOf(other) - countOf(one) || natural(one.key, other.key));
+  const countOf = (robot: Robot) => robot.joints.filter((joint) => rankOf(joint) === worst(robot)).length;
+  return [...robots.values()].sort((a, b) =>
+    worst(a) - worst(b) || countOf(b) - countOf(a) || natural(a.key, b.key));
 }
 
 /** Order by level, significant change of friction, and name, so that noise does not move cells. */
-function byWorst(one: Actuator, other: Actuator, rankOf: (joint: Actuator) => number): number {
-  return rankOf(one) - rankOf(other) || increaseOf(other) - increaseOf(one) ||
-    natural(one.key, other.key);
+function byWorst(a: Actuator, b: Actuator, rankOf: (joint: Actuator) => number): number {
+  return rankOf(a) - rankOf(b) || increaseOf(b) - increaseOf(a) ||
+    natural(a.key, b.key);
 }
 
 function increaseOf(joint: Actuator): number {
@@ -74,8 +74,8 @@ function increaseOf(joint: Actuator): number {
 
 const collator = new Intl.Collator("en", { numeric: true });
 
-function natural(one: string, other: string): number {
-  return collator.compare(one, other);
+function natural(a: string, b: string): number {
+  return collator.compare(a, b);
 }
 
 /** Smallest detectable changes of friction, as a sentence; "" while they are unknown. */

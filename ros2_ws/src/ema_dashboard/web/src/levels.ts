@@ -27,8 +27,8 @@ export const LEARNING: Level = { word: "LEARNING", name: "learning", rank: 2.7 }
 /** The level to show. While the level is unknown, the last warning or error is shown, marked as old. */
 export function levelNow(level: number, last: number, isSilent = false): Level {
   const [, warn, error, stale] = LEVELS;
-  const known = level === 3 ? last : level;
+  const lastKnown = level === 3 ? last : level;
   if (level !== 3 && !isSilent) return LEVELS[level] ?? UNKNOWN;
-  const alarm = known === 2 ? error! : known === 1 ? warn! : undefined;
+  const alarm = lastKnown === 2 ? error! : lastKnown === 1 ? warn! : undefined;
   return alarm ? { ...alarm, word: `${alarm.word}, old`, isOld: true } : stale!;
 }

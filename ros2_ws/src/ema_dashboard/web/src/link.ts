@@ -11,11 +11,11 @@ const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const PLAYBACK_CONTROL_REQUEST = 3; // opcode of the request
 
-const MOST_SAID = 300;
+const MOST_DETAIL = 300;
 // Meaning of a status with which the node refuses a request; its response has the details.
 const CHECKS: Record<number, string> = {
-  401: "refused for want of the token",
-  403: "refused by where this page comes from",
+  401: "access denied, token",
+  403: "access denied, address of this page",
 };
 
 interface Subscribed {
@@ -78,10 +78,10 @@ export class Link {
       this.#tellChannels();
     });
     client.on("message", ({ subscriptionId, data }) => {
-      const of = this.#subscriptions.get(subscriptionId);
-      if (!of) return;
+      const subscribed = this.#subscriptions.get(subscriptionId);
+      if (!subscribed) return;
       const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-      this.#listener.message(of.channel.topic, view, () => of.reader.readMessage(view));
+      this.#listener.message(subscribed.channel.topic, view, () => subscribed.reader.readMessage(view));
     });
     // Ignore messages of kinds that this version of the client does not support.
     client.on("error", () => undefined);
@@ -94,15 +94,15 @@ export class Link {
 
   /** Subscribe to the topics that the listener wants, and unsubscribe from the others. */
   update(): void {
-    for (const one of this.#channels.values()) {
-      const isWanted = this.#listener.wants(one.channel.topic);
-      if (isWanted && one.id === undefined) {
-        one.id = this.#client!.subscribe(one.channel.id);
-        this.#subscriptions.set(one.id, one);
-      } else if (!isWanted && one.id !== undefined) {
-        this.#client!.unsubscribe(one.id);
-        this.#subscriptions.delete(one.id);
-        one.id = undefined;
+    for (const subscribed of this.#channels.values()) {
+      const isWanted = this.#listener.wants(subscribed.channel.topic);
+      if (isWanted && subscribed.id === undefined) {
+        subscribed.id = this.#client!.subscribe(subscribed.channel.id);
+        this.#subscriptions.set(subscribed.id, subscribed);
+      } else if (!isWanted && subscribed.id !== undefined) {
+        this.#client!.unsubscribe(subscribed.id);
+        this.#subscriptions.delete(subscribed.id);
+        subscribed.id = undefined;
       }
     }
   }
@@ -137,7 +137,7 @@ export class Link {
   }
 
   #tellChannels(): void {
-    this.#listener.channels([...this.#channels.values()].map((one) => one.channel.topic));
+    this.#listener.channels([...this.#channels.values()].map((subscribed) => subscribed.channel.topic));
   }
 
   async #closed(event: CloseEvent, wasOpen: boolean): Promise<void> {
@@ -155,7 +155,7 @@ export class Link {
 /** Reason why the server refuses this page; "" if it cannot be reached. */
 async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
   if (event.code === 1008 || event.code === 1013) {
-    return event.reason || "the server has ended the connection";
+    return event.reason || "the server closed the connection";
   }
   if (wasOpen) return "";
   // Browsers do not report the response to a failed upgrade. A POST passes the same checks, because it
@@ -163,13 +163,13 @@ async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
   try {
     const answer = await fetch(".", { method: "POST", cache: "no-store" });
     if (answer.status === 405) {
-      return "the page is served but its data are not: the server has as many clients as it allows";
+      return "the page is served, but not its data: the server has reached its limit of clients";
     }
-    if (answer.status === 503) return "the server has as many clients as it allows";
+    if (answer.status === 503) return "the server has reached its limit of clients";
     const check = CHECKS[answer.status];
-    const said = check ? (await answer.text()).trim().slice(0, MOST_SAID) : "";
-    if (said) return `${check}: ${said}`;
-    return `the server answers with status ${answer.status}`;
+    const detail = check ? (await answer.text()).trim().slice(0, MOST_DETAIL) : "";
+    if (detail) return `${check}: ${detail}`;
+    return `the server responded with status ${answer.status}`;
   } catch {
     return "";
   }

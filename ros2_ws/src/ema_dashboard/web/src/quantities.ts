@@ -9,7 +9,7 @@ import registry from "./registry.json";
 const UNCHANGED = 0;
 const CHANGED = 1;
 
-const known: Record<string, { label: string; reference: string }> = registry.quantities;
+const registered: Record<string, { label: string; reference: string }> = registry.quantities;
 
 export interface QuantityRow {
   name: string;
@@ -22,7 +22,7 @@ export interface QuantityRow {
 
 /** Label of a quantity. */
 function labelOf(name: string): string {
-  return known[name]?.label ?? name.replaceAll("_", " ");
+  return registered[name]?.label ?? name.replaceAll("_", " ");
 }
 
 /** Whether an estimate is the comparison of a record, to which no model is fitted. */
@@ -32,40 +32,40 @@ export function isOfRecord(estimate: { quantities?: readonly QuantityChange[] })
 
 /** Table rows for the quantities of an estimate; old recordings have no quantities. */
 export function rowsOf(quantities: readonly QuantityChange[] | undefined): QuantityRow[] {
-  return (quantities ?? []).map((one) => {
-    const isJudged = one.judgement === UNCHANGED || one.judgement === CHANGED;
-    const isKnown = Number.isFinite(one.change) && (isJudged || !one.rivals.length);
-    const reference = known[one.name]?.reference ?? "healthy";
-    const of = reference === "healthy" ? "" : ` (of ${reference})`;
+  return (quantities ?? []).map((quantity) => {
+    const isJudged = quantity.judgement === UNCHANGED || quantity.judgement === CHANGED;
+    const isKnown = Number.isFinite(quantity.change) && (isJudged || !quantity.rivals.length);
+    const reference = registered[quantity.name]?.reference ?? "healthy";
+    const suffix = reference === "healthy" ? "" : ` (of ${reference})`;
     return {
-      name: one.name,
-      label: labelOf(one.name) + of,
-      change: isKnown ? `${signed(one, one.change)} ${unitOf(one)}` : "",
-      interval: isKnown && Number.isFinite(one.low) && Number.isFinite(one.high)
-        ? `${signed(one, one.low)} to ${signed(one, one.high)} ${unitOf(one)}` : "",
-      judgement: judgementOf(one),
-      isChanged: one.judgement === CHANGED,
+      name: quantity.name,
+      label: labelOf(quantity.name) + suffix,
+      change: isKnown ? `${signed(quantity, quantity.change)} ${unitOf(quantity)}` : "",
+      interval: isKnown && Number.isFinite(quantity.low) && Number.isFinite(quantity.high)
+        ? `${signed(quantity, quantity.low)} to ${signed(quantity, quantity.high)} ${unitOf(quantity)}` : "",
+      judgement: judgementOf(quantity),
+      isChanged: quantity.judgement === CHANGED,
     };
   });
 }
 
-function judgementOf(one: QuantityChange): string {
-  if (one.judgement === CHANGED) {
-    const rivals = one.rivals.map(labelOf).join(" or ");
+function judgementOf(quantity: QuantityChange): string {
+  if (quantity.judgement === CHANGED) {
+    const rivals = quantity.rivals.map(labelOf).join(" or ");
     return rivals ? `changed (not distinguishable from ${rivals})` : "changed";
   }
-  if (one.judgement !== UNCHANGED) return `not judged${one.reason && ` (${one.reason})`}`;
-  if (!Number.isFinite(one.smallest_change)) return "unchanged";
-  return `unchanged (changes above ${smallest(one)} ${unitOf(one)} would show)`;
+  if (quantity.judgement !== UNCHANGED) return `not judged${quantity.reason && ` (${quantity.reason})`}`;
+  if (!Number.isFinite(quantity.smallest_change)) return "unchanged";
+  return `unchanged (changes above ${smallest(quantity)} ${unitOf(quantity)} would show)`;
 }
 
-function unitOf(one: QuantityChange): string {
-  return one.unit === "-" ? "%" : one.unit;
+function unitOf(quantity: QuantityChange): string {
+  return quantity.unit === "-" ? "%" : quantity.unit;
 }
 
-function signed(one: QuantityChange, value: number): string {
-  const text = one.unit === "-"
-    ? fixed(100 * value, Math.abs(value) < 1 ? 1 : 0) : fixed(value, decimals(one.smallest_change));
+function signed(quantity: QuantityChange, value: number): string {
+  const text = quantity.unit === "-"
+    ? fixed(100 * value, Math.abs(value) < 1 ? 1 : 0) : fixed(value, decimals(quantity.smallest_change));
   return text.startsWith("−") ? text : `+${text}`;
 }
 
@@ -74,8 +74,8 @@ function decimals(smallest: number): number {
   return smallest > 0 && smallest < Infinity ? Math.max(0, 1 - Math.floor(Math.log10(smallest))) : 3;
 }
 
-function smallest(one: QuantityChange): string {
-  if (one.unit !== "-") return significant(one.smallest_change, 2);
-  const scaled = 100 * one.smallest_change;
+function smallest(quantity: QuantityChange): string {
+  if (quantity.unit !== "-") return significant(quantity.smallest_change, 2);
+  const scaled = 100 * quantity.smallest_change;
   return scaled < 10 ? String(Number(scaled.toPrecision(2))) : fixed(scaled, 0);
 }

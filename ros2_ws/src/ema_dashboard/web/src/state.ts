@@ -123,7 +123,7 @@ export class State {
       case "messages":
         this.lastReceived = Date.now();
         this.#listen();
-        for (const one of message.received) this.#receive(one);
+        for (const item of message.received) this.#receive(item);
         break;
     }
     this.#changed();
@@ -147,12 +147,12 @@ export class State {
     if (topic === "/diagnostics") return this.#diagnosed(message as DiagnosticArray);
     if (topic === "/clock") return this.#clocked(seconds((message as { clock: Time }).clock));
     if (topic === "playback_state") return this.#played(message as PlaybackState);
-    const of = message as { actuator_id: string; serial_number?: string };
-    const address = { namespace, id: of.actuator_id };
+    const unit = message as { actuator_id: string; serial_number?: string };
+    const address = { namespace, id: unit.actuator_id };
     const key = keyOf(address);
     const before = this.actuators.get(key) ?? { ...address, key, serial: "" };
     const after: Actuator = { ...before };
-    if (of.serial_number) after.serial = of.serial_number;
+    if (unit.serial_number) after.serial = unit.serial_number;
     switch (topic) {
       case "actuator_description":
         after.description = message as ActuatorDescription;

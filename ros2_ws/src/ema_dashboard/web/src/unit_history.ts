@@ -54,9 +54,9 @@ export class UnitRecord {
   columns(): HistoryColumns {
     this.#merge();
     const tests = this.#tests;
-    const column = (of: (test: UnitTest) => number) => Float64Array.from(tests, of);
-    const life = (of: (test: UnitTest) => number) =>
-      column((test) => (test.rul_known ? of(test) : NaN));
+    const column = (read: (test: UnitTest) => number) => Float64Array.from(tests, read);
+    const life = (read: (test: UnitTest) => number) =>
+      column((test) => (test.rul_known ? read(test) : NaN));
     return {
       serial: this.#serial,
       omitted: this.#omitted,
@@ -71,7 +71,7 @@ export class UnitRecord {
       rul_50: life((test) => test.rul_50),
       rul_95: life((test) => test.rul_95),
       events: [...this.#events]
-        .sort((one, other) => seconds(one.stamp) - seconds(other.stamp)),
+        .sort((a, b) => seconds(a.stamp) - seconds(b.stamp)),
     };
   }
 
@@ -97,8 +97,8 @@ export class UnitRecord {
     tests.push(...addition.tests);
     this.#tests = tests.slice(-MOST_TESTS);
     this.#omitted += tests.length - this.#tests.length;
-    const known = new Set(this.#events.map(identityOf));
-    const events = addition.events.filter((event) => !known.has(identityOf(event)));
+    const keys = new Set(this.#events.map(identityOf));
+    const events = addition.events.filter((event) => !keys.has(identityOf(event)));
     this.#events = [...this.#events, ...events].slice(-MOST_EVENTS);
   }
 }
@@ -108,7 +108,7 @@ export function begunAnew({ events, stamp }: HistoryColumns): string {
   const event = events.findLast(({ kind, text }) => kind === "history" && /without \d+/.test(text));
   if (!event) return "";
   const lost = Number(/without (\d+)/.exec(event.text)![1]);
-  return stamp.filter((one) => one >= seconds(event.stamp)).length < lost ? event.text : "";
+  return stamp.filter((time) => time >= seconds(event.stamp)).length < lost ? event.text : "";
 }
 
 function identityOf(event: UnitEvent): string {

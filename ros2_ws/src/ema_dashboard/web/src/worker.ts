@@ -134,15 +134,15 @@ function jump(time: number): void {
 
 /** Trends of joints that have changed, up to a time limit; the rest follows in the next batches. */
 function trends(): Map<string, FrictionTrend> {
-  const found = new Map<string, FrictionTrend>();
+  const computed = new Map<string, FrictionTrend>();
   const start = performance.now();
   for (const key of changedTrends) {
     if (performance.now() - start > MOST_TRENDS_MS) break;
     if (!joints.has(key)) continue;
     changedTrends.delete(key);
-    found.set(key, frictions.get(key)!.trend());
+    computed.set(key, frictions.get(key)!.trend());
   }
-  return found;
+  return computed;
 }
 
 function flush(): void {
@@ -162,7 +162,7 @@ function flush(): void {
   }
   if (hasNewTelemetry && !telemetry.isEmpty) {
     const signals = telemetry.signals();
-    const buffers = [signals.time, ...Object.values(signals.values)].map((one) => one.buffer);
+    const buffers = [signals.time, ...Object.values(signals.values)].map((values) => values.buffer);
     tell({ kind: "live", key, signals }, buffers as ArrayBuffer[]);
     hasNewTelemetry = false;
   }

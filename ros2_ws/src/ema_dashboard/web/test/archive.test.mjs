@@ -64,7 +64,7 @@ describe("an archive of 1600 units", () => {
       assert.ok(words.includes(`${format.hours(unit.flight_hours)} h`), words);
     }
     const note = await page.locator("[aria-labelledby=survival] .note").innerText();
-    assert.ok(note.startsWith(`Of ${whole(fleet.lives)} lives ${whole(fleet.failures)} ended.`), note);
+    assert.ok(note.startsWith(`${whole(fleet.failures)} of ${whole(fleet.lives)} lives have ended.`), note);
     assert.equal(await page.locator("[aria-labelledby=survival] canvas").count(), 1);
     for (const [id, rows] of [["models", fleet.models], ["ages", fleet.ages]]) {
       const table = page.locator(`[aria-labelledby=${id}] tbody tr`);

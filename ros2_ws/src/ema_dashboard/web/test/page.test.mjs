@@ -260,7 +260,7 @@ describe("a fleet of nine", () => {
     await stage.source.order({ do: "test", actuator: WORN, refused: reason, verdict: DEPARTED });
     const banner = page.locator(".head .banner.warn");
     await banner.waitFor();
-    assert.match(await banner.innerText(), /differs from healthy ones/);
+    assert.match(await banner.innerText(), /differs from healthy tests/);
     assert.ok((await banner.innerText()).includes(reason));
     assert.equal(await page.locator(".head .banner.error").count(), 0);
     await until("an event", async () =>
@@ -272,7 +272,7 @@ describe("a fleet of nine", () => {
     const section = page.locator("[aria-labelledby=window]");
     await until("signals", async () => (await section.locator("canvas").count()) > 0);
     await stage.source.order({ do: "move", actuator: WORN, stretches: 7 });
-    await section.locator("text=rests on 7 stretches of ordinary motion").waitFor();
+    await section.locator("text=combines 7 stretches of ordinary motion").waitFor();
     assert.equal(await section.locator("canvas").count(), 0);
   });
 
@@ -296,7 +296,7 @@ describe("a fleet of nine", () => {
     stage.origin.refuses = 503;
     page = await open(stage);
     await page.waitForSelector("text=Not allowed");
-    assert.match(await page.locator("main").innerText(), /as many clients as it allows/);
+    assert.match(await page.locator("main").innerText(), /reached its limit of clients/);
     for (const [status, reason] of [
       [401, "the token is wrong: Authorization: Bearer, or /?token="],
       [403, "host 'box' is not one of this dashboard: see its parameter host_names"],

@@ -76,7 +76,7 @@ test("a replayed bag drives the page as live messages do", async () => {
       /ended/.test(await page.locator(".playback .bag").innerText()), 30_000);
     await page.getByLabel("Position in the recording").focus();
     await page.keyboard.press("Home");
-    await page.waitForSelector("text=No health is known");
+    await page.waitForSelector("text=The health is unknown");
     await page.getByRole("button", { name: "Play" }).click();
     await page.waitForSelector(".head .badge.warn", { timeout: 60_000 });
     for (const url of asked) assert.equal(new URL(url).host, new URL(address).host);

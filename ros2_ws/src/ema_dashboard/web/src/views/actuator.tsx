@@ -38,7 +38,7 @@ export function OneActuator({ state, address }: { state: State; address: Place }
         <h1>{address.id}</h1>
         <Empty>
           {state.connection.state === "open" && state.topics
-            ? `No message of this actuator has come in ${address.namespace || "/"}.`
+            ? `No message from this actuator has been received in ${address.namespace || "/"}.`
             : "Connecting…"}
         </Empty>
       </main>
@@ -63,7 +63,7 @@ function contents(
 ): Record<Part, () => ComponentChildren> {
   const { health, description } = actuator;
   const baseline = actuator.baseline && (
-    <Baseline baseline={actuator.baseline} description={description} of={address} />
+    <Baseline baseline={actuator.baseline} description={description} address={address} />
   );
   return {
     faults: () => isLearning(actuator) ? baseline : (
@@ -86,10 +86,10 @@ function contents(
     telemetry: () => (
       <>
         <Live actuatorKey={actuator.key} description={actuator.description} />
-        <Diagnostics state={state} of={address} />
+        <Diagnostics state={state} address={address} />
       </>
     ),
-    events: () => <Events events={columns?.events} now={state.now()} of={address} />,
+    events: () => <Events events={columns?.events} now={state.now()} address={address} />,
   };
 }
 
@@ -113,7 +113,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
           <p class="soft">
             {actuator.serial ? `serial number ${actuator.serial}` : "no serial number"}
             {description?.model && ` · ${description.model}`}
-            {description && ` · ${fixed(1 / description.sample_period, 0)} samples a second`}
+            {description && ` · ${fixed(1 / description.sample_period, 0)} samples per second`}
           </p>
         </div>
         <Badge level={level} large />
@@ -122,14 +122,14 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
         <p class={`banner ${isDeparted ? "warn" : "error"}`}>
           <strong>
             {isJoint(actuator) ? "The latest record" : "The latest test"}{" "}
-            {isDeparted ? "differs from healthy ones" : "was refused"}:
+            {isDeparted ? `differs from healthy ${isJoint(actuator) ? "records" : "tests"}` : "was refused"}:
           </strong>{" "}
           <Folded title="Why">{estimate.reason || "no reason given"}</Folded>
         </p>
       )}
       {anew && (
         <p class="banner warn">
-          <strong>Tests are lost:</strong> {anew}. Trends and remaining life follow from the tests
+          <strong>Tests are lost:</strong> {anew}. Trends and remaining life are based on the tests
           since then.
         </p>
       )}
@@ -165,12 +165,12 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
             <Figure label="last test" note={dateTime(seconds(health.header.stamp))}>
               <Since health={health} suffix=" ago" />
             </Figure>
-            <Figure label="confidence" note="observable faults, and fit">
+            <Figure label="confidence" note="observable faults and fit">
               {percent(health.confidence)}
             </Figure>
           </dl>
         </div>
-      ) : <Empty>No health is known before the first valid test.</Empty>}
+      ) : <Empty>The health is unknown until the first valid test.</Empty>}
     </section>
   );
 }
@@ -179,8 +179,8 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
 function Wrong({ actuator, health }: { actuator: Actuator; health: Health }) {
   const items = [...health.faults, ...health.requirements]
     .filter(({ level }) => level !== OK && level !== STALE)
-    .sort((one, other) => other.level - one.level ||
-      Number(other.name === health.dominant_fault) - Number(one.name === health.dominant_fault));
+    .sort((a, b) => b.level - a.level ||
+      Number(b.name === health.dominant_fault) - Number(a.name === health.dominant_fault));
   return (
     <div class="wrong">
       <h2>What is wrong</h2>
@@ -205,7 +205,7 @@ function valueAndLimit(item: FaultHealth): [string, string] {
   if (!fault) {
     const [name, scale] = shownUnit(item.unit);
     return [item.value, item.limit]
-      .map((one) => significant(scale * one, 3) + unit(name)) as [string, string];
+      .map((value) => significant(scale * value, 3) + unit(name)) as [string, string];
   }
   const isBelow = fault.twoSided && item.value < fault.healthy;
   const limit = isBelow ? 2 * fault.healthy - item.limit : item.limit;
@@ -215,12 +215,12 @@ function valueAndLimit(item: FaultHealth): [string, string] {
 /** The fault whose trend is shown: the dominant fault, else the fault nearest to its limit. */
 function worstFault(health: Health): Fault | undefined {
   const share = ({ name }: Fault) => {
-    const item = health.faults.find((one) => one.name === name);
+    const item = health.faults.find((tracked) => tracked.name === name);
     const healthy = faultOf(name)!.healthy;
     return item ? Math.abs((item.value - healthy) / (item.limit - healthy)) || 0 : -1;
   };
   return ASSESSED.find(({ name }) => name === health.dominant_fault) ??
-    [...ASSESSED].sort((one, other) => share(other) - share(one))[0];
+    [...ASSESSED].sort((a, b) => share(b) - share(a))[0];
 }
 
 function Stale({ health }: { health: NonNullable<Actuator["health"]> }) {
@@ -230,7 +230,7 @@ function Stale({ health }: { health: NonNullable<Actuator["health"]> }) {
   return (
     <p class="banner stale">
       <strong>Stale:</strong> the latest valid test was {duration(since)} ago.{" "}
-      What is shown is as of then.
+      The values shown are from that time.
     </p>
   );
 }

@@ -24,7 +24,7 @@ export function WhatToDo({ advice, removal, isDeparted }: {
   advice?: Advice; removal: string; isDeparted: boolean;
 }) {
   const look = isDeparted && (
-    <p class="what"><strong>Look at the unit:</strong> its latest test differs from healthy ones.</p>
+    <p class="what"><strong>Check the unit:</strong> its latest test differs from healthy tests.</p>
   );
   const action = ACTIONS[advice?.action ?? 0] ?? "unknown";
   const [what, ...more] = removal.split(/(?= \()|(?<=:)/);
@@ -57,7 +57,7 @@ export function WhatToDo({ advice, removal, isDeparted }: {
         <p class="removal">{removal}</p>
         {Number.isFinite(advice.expected_cost) && (
           <p class="soft">
-            {significant(advice.expected_cost, 3)} {unit}; removed at once{" "}
+            {significant(advice.expected_cost, 3)} {unit}; if removed immediately,{" "}
             {significant(advice.cost_of_immediate_removal, 3)}
             {Number.isFinite(saved) && saved > 0 && ` (${percent(saved)} less)`};{" "}
             {percent(advice.probability_of_failure)} risk of failure until then

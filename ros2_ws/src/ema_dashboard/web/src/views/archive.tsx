@@ -22,7 +22,7 @@ export function useSummary(isShown: boolean): { summary?: Summary | null; reason
   useEffect(() => {
     let isOver = false;
     const ask = () => fetchSummary(MOST).then(
-      (found) => { if (!isOver) { set(found); setReason(""); } },
+      (loaded) => { if (!isOver) { set(loaded); setReason(""); } },
       (error: Error) => { if (!isOver) setReason(error.message); },
     );
     void ask();
@@ -40,13 +40,13 @@ export function Archive({ summary, reason }: { summary?: Summary | null; reason:
         Archive <span class="soft">{summary?.archive ?? ""}</span>
       </h1>
       {reason && (
-        <p class="banner error" role="alert"><strong>Not read:</strong> {reason}</p>
+        <p class="banner error" role="alert"><strong>Not loaded:</strong> {reason}</p>
       )}
       {unread && <p class="banner warn" role="status">{unread}</p>}
       {summary ? <Parts summary={summary} /> : !reason && (
         <Empty>
           {summary === undefined ? "Loading…"
-            : "The dashboard shows no archive: its parameter archive names the folder of one."}
+            : "The dashboard shows no archive: set its parameter archive to the folder of an archive."}
         </Empty>
       )}
     </main>
@@ -77,20 +77,20 @@ function Parts({ summary }: { summary: Summary }) {
       <Survival summary={summary} />
       <div class="pair">
         <Section title="By model" id="models">
-          <ByLevel heading="model" rows={models.map((one) => (
-            { name: one.model, levels: one, more: [fixed(one.health_index ?? NaN, 2)] }
+          <ByLevel heading="model" rows={models.map((model) => (
+            { name: model.model, levels: model, more: [fixed(model.health_index ?? NaN, 2)] }
           ))} more={["health index"]} />
         </Section>
         <Section title="By age" id="ages" note="service hours">
-          <ByLevel heading="service hours" rows={ages.map((one) => (
-            { name: `${significant(one.from_hours, 4)} – ${significant(one.to_hours, 4)}`, levels: one,
-              more: [fixed(one.health_index ?? NaN, 2)] }
+          <ByLevel heading="service hours" rows={ages.map((group) => (
+            { name: `${significant(group.from_hours, 4)} – ${significant(group.to_hours, 4)}`, levels: group,
+              more: [fixed(group.health_index ?? NaN, 2)] }
           ))} more={["health index"]} />
         </Section>
         <Section title="Calibration age" id="calibrations"
           note="from the change of its file to the latest test">
-          <Shares heading="age" rows={calibrations.map((one) => (
-            { name: one.age, count: one.units, of: levels.units }
+          <Shares heading="age" rows={calibrations.map(({ age, units }) => (
+            { name: age, count: units, total: levels.units }
           ))} unit="units" />
         </Section>
         <Coverage summary={summary} />
@@ -117,23 +117,23 @@ function Worst({ units, all }: { units: WorstUnit[]; all: number }) {
             </tr>
           </thead>
           <tbody>
-            {units.map((one) => {
-              const [now, last] = [one.health, one.last_health].map((name) =>
+            {units.map((unit) => {
+              const [now, last] = [unit.health, unit.last_health].map((name) =>
                 LEVELS.findIndex(({ word }) => word === name));
               const level = levelNow(now!, last!);
               return (
-                <tr key={`${one.model}/${one.actuator_id}/${one.serial_number}`}
-                  data-unit={`${one.actuator_id}/${one.serial_number}`}>
+                <tr key={`${unit.model}/${unit.actuator_id}/${unit.serial_number}`}
+                  data-unit={`${unit.actuator_id}/${unit.serial_number}`}>
                   <th scope="row">
-                    {one.actuator_id} <small>{one.serial_number} · {one.model}</small>
+                    {unit.actuator_id} <small>{unit.serial_number} · {unit.model}</small>
                   </th>
                   <td data-label="level"><Badge level={level} /></td>
-                  <td data-label="health index"><Health index={one.health_index} level={level} /></td>
-                  <td data-label="worst">{one.dominant_fault ? labelOf(one.dominant_fault) : "–"}</td>
-                  <td class="number" data-label="remaining life"><Left unit={one} /></td>
-                  <td class="number" data-label="remove before service hour">{removal(one)}</td>
-                  <td class="number" data-label="service">{hours(one.flight_hours ?? NaN)} h</td>
-                  <td class="number" data-label="last test">{day(one.tested)}</td>
+                  <td data-label="health index"><Health index={unit.health_index} level={level} /></td>
+                  <td data-label="worst">{unit.dominant_fault ? labelOf(unit.dominant_fault) : "–"}</td>
+                  <td class="number" data-label="remaining life"><Left unit={unit} /></td>
+                  <td class="number" data-label="remove before service hour">{removal(unit)}</td>
+                  <td class="number" data-label="service">{hours(unit.flight_hours ?? NaN)} h</td>
+                  <td class="number" data-label="last test">{day(unit.tested)}</td>
                 </tr>
               );
             })}
@@ -154,7 +154,7 @@ function Health({ index, level }: { index: number | null; level: Level }) {
 }
 
 function Left({ unit }: { unit: WorstUnit }) {
-  if (known(unit) === "ERROR") return <strong>none left</strong>;
+  if (lastKnown(unit) === "ERROR") return <strong>none left</strong>;
   if (!unit.rul.known) return <span class="soft">unknown</span>;
   const { hours_05, hours_50, hours_95 } = unit.rul;
   const [low, median, high] = [hours_05, hours_50, hours_95].map((h) => h ?? Infinity);
@@ -169,12 +169,12 @@ function Left({ unit }: { unit: WorstUnit }) {
 }
 
 /** The latest known level. */
-function known({ health, last_health }: WorstUnit): string | null {
+function lastKnown({ health, last_health }: WorstUnit): string | null {
   return health === "STALE" ? last_health : health;
 }
 
 function removal(unit: WorstUnit): string {
-  if (known(unit) === "ERROR") return "now";
+  if (lastKnown(unit) === "ERROR") return "now";
   if (unit.removal_hours === null || unit.flight_hours === null) return "–";
   return `${hours(unit.flight_hours + unit.removal_hours)} h`;
 }
@@ -187,7 +187,7 @@ function Survival({ summary }: { summary: Summary }) {
     value: (_: uPlot, share: number) => percent(share) };
   const last = survival.at(-1);
   const words = last
-    ? `Of ${whole(lives)} lives ${whole(failures)} ended. ${percent(last.share)} live beyond ` +
+    ? `${whole(failures)} of ${whole(lives)} lives have ended. ${percent(last.share)} survive ` +
       `${hours(last.age)} service hours.`
     : `None of ${whole(lives)} lives has ended.`;
   return (
@@ -200,7 +200,7 @@ function Survival({ summary }: { summary: Summary }) {
             { label: "5 %", stroke: "data", width: 0.7, ...shared },
             { label: "95 %", stroke: "data", width: 0.7, ...shared },
           ]} bands={[{ series: [3, 2], fill: "band" }]} />
-      ) : <Empty>No unit was watched for any service hours.</Empty>}
+      ) : <Empty>No unit has recorded service hours.</Empty>}
     </Section>
   );
 }
@@ -248,7 +248,7 @@ function ByLevel({ heading, rows, more }: {
 }
 
 function Shares({ heading, rows, unit }: {
-  heading: string; unit: string; rows: { name: string; count: number; of: number }[];
+  heading: string; unit: string; rows: { name: string; count: number; total: number }[];
 }) {
   return (
     <table class="items">
@@ -261,16 +261,16 @@ function Shares({ heading, rows, unit }: {
         </tr>
       </thead>
       <tbody>
-        {rows.map(({ name, count, of }) => (
+        {rows.map(({ name, count, total }) => (
           <tr key={name}>
             <th scope="row">{name}</th>
             <td>
               <span class="stack" aria-hidden="true">
-                <span class="share" style={{ width: `${100 * count / Math.max(of, 1)}%` }} />
+                <span class="share" style={{ width: `${100 * count / Math.max(total, 1)}%` }} />
               </span>
             </td>
             <td class="number">{whole(count)}</td>
-            <td class="number">{percent(count / of)}</td>
+            <td class="number">{percent(count / total)}</td>
           </tr>
         ))}
       </tbody>
@@ -286,13 +286,13 @@ function Coverage({ summary }: { summary: Summary }) {
   return (
     <Section title="Test coverage" id="coverage"
       note={`${percent(valid! / windows!)} of the windows below have a valid estimate`}>
-      <Shares heading="units tested" unit="units" rows={recent.map((one) => (
-        { name: one.days === 1 ? "in the last day" : `in the last ${one.days} days`,
-          count: one.tested, of: one.units }
+      <Shares heading="units tested" unit="units" rows={recent.map((period) => (
+        { name: period.days === 1 ? "in the last day" : `in the last ${period.days} days`,
+          count: period.tested, total: period.units }
       ))} />
-      <h3>Units tested a month</h3>
-      <Shares heading="month" unit="units" rows={shown.map((one) => (
-        { name: one.month, count: one.tested, of: one.units }
+      <h3>Units tested per month</h3>
+      <Shares heading="month" unit="units" rows={shown.map((month) => (
+        { name: month.month, count: month.tested, total: month.units }
       ))} />
     </Section>
   );

@@ -46,15 +46,15 @@ const ACCEPT: Change = {
 };
 const EXTEND: Change = {
   name: "extend", title: "Extend",
-  effect: "The records since the acceptance that do not depart are added to the baseline.",
+  effect: "Records since the acceptance that agree with the baseline are added to it.",
 };
 const RESET: Change = {
   name: "reset", title: "Reset",
   effect: "The baseline and its records are discarded. The joint learns again, without a level.",
 };
 
-export function Baseline({ baseline, description, of }: {
-  baseline: BaselineStatus; description?: ActuatorDescription; of: Address;
+export function Baseline({ baseline, description, address }: {
+  baseline: BaselineStatus; description?: ActuatorDescription; address: Address;
 }) {
   const { state } = useApp();
   const [open, setOpen] = useState<Change>();
@@ -75,7 +75,7 @@ export function Baseline({ baseline, description, of }: {
           {Number.isFinite(slowest)
             ? `${significant(slowest, 2)} to ${significant(fastest, 2)} ${speedUnit}` : "–"}
         </Figure>
-        <Figure label="smallest change of friction that shows" note={
+        <Figure label="smallest detectable change of friction" note={
           inPercent(baseline.detectable_other_day) &&
             `${inPercent(baseline.detectable_other_day)} on another day`}>
           {inPercent(baseline.detectable_same_day) || "–"}
@@ -85,7 +85,7 @@ export function Baseline({ baseline, description, of }: {
         )}
       </dl>
       {baseline.advice.length > 0 && (
-        <ul class="advice-list" aria-label="What would lower the smallest change">
+        <ul class="advice-list" aria-label="How to detect smaller changes">
           {baseline.advice.map((sentence) => <li key={sentence}>{sentence}</li>)}
         </ul>
       )}
@@ -98,7 +98,7 @@ export function Baseline({ baseline, description, of }: {
               onClick={() => setOpen(open === change ? undefined : change)}>{change.title}</button>
           ))}
           {open && (
-            <ChangeForm key={open.name} change={open} of={of} close={() => setOpen(undefined)}
+            <ChangeForm key={open.name} change={open} address={address} close={() => setOpen(undefined)}
               canForce={open !== RESET && Number.isFinite(baseline.detectable_same_day)} />
           )}
         </div>
@@ -111,8 +111,8 @@ export function Baseline({ baseline, description, of }: {
   * Requests a change of the baseline in a person's name. A change cannot be forced without enough
   * records for a fit.
  */
-function ChangeForm({ change, of, close, canForce }: {
-  change: Change; of: Address; close: () => void; canForce: boolean;
+function ChangeForm({ change, address, close, canForce }: {
+  change: Change; address: Address; close: () => void; canForce: boolean;
 }) {
   const [refusal, setRefusal] = useState("");
   const [isSent, setSent] = useState(false);
@@ -120,7 +120,7 @@ function ChangeForm({ change, of, close, canForce }: {
     submitted.preventDefault();
     const typed = new FormData(submitted.currentTarget as HTMLFormElement);
     const content = {
-      namespace: of.namespace, actuator_id: of.id, change: change.name,
+      namespace: address.namespace, actuator_id: address.id, change: change.name,
       person: typed.get("person"), note: typed.get("note"), force: typed.has("force"),
     };
     setSent(true);
@@ -133,7 +133,7 @@ function ChangeForm({ change, of, close, canForce }: {
       if (answer.ok) return close();
       setRefusal(await answer.text());
     } catch {
-      setRefusal("The dashboard does not answer: the baseline is unchanged.");
+      setRefusal("The dashboard does not respond: the baseline is unchanged.");
     }
     setSent(false);
   };

@@ -28,16 +28,16 @@ const OTHER = { sign: "●", colour: "stale", word: "other" };
 
 const kindOf = (event: UnitEvent) => KINDS[event.kind] ?? OTHER;
 
-export function Events({ events, now, of }: {
-  events?: UnitEvent[]; now: number; of: Address;
+export function Events({ events, now, address }: {
+  events?: UnitEvent[]; now: number; address: Address;
 }) {
   const count = events?.length ?? 0;
   const [open, setOpen] = useState("");
   const noted = new Set(events?.filter(({ kind }) => kind === "note").map(timeOf));
   return (
-    <Section title="Events" id="events" note={count > 0 && `${count} kept`}>
+    <Section title="Events" id="events" note={count > 0 && `${count} stored`}>
       {!events ? <Empty>Loading the history…</Empty> : count === 0 ? (
-        <Empty>Nothing has happened to this unit since its first test.</Empty>
+        <Empty>No events since the first test of this unit.</Empty>
       ) : (
         <>
           <TimeLine events={events} now={now} />
@@ -63,13 +63,13 @@ export function Events({ events, now, of }: {
                     )}
                   </span>
                   {open === key && (
-                    <NoteForm event={event} of={of} close={() => setOpen("")} />
+                    <NoteForm event={event} address={address} close={() => setOpen("")} />
                   )}
                 </li>
               );
             })}
           </ol>
-          {count > MOST_LISTED && <p class="soft">{count - MOST_LISTED} older ones not listed</p>}
+          {count > MOST_LISTED && <p class="soft">{count - MOST_LISTED} older events not listed</p>}
         </>
       )}
     </Section>
@@ -79,13 +79,13 @@ export function Events({ events, now, of }: {
 const timeOf = ({ stamp }: UnitEvent) => `${stamp.sec}.${stamp.nanosec}`;
 
 /** Acknowledges an event: the monitor stores name and note, and publishes them as an event. */
-function NoteForm({ event, of, close }: { event: UnitEvent; of: Address; close: () => void }) {
+function NoteForm({ event, address, close }: { event: UnitEvent; address: Address; close: () => void }) {
   const [refusal, setRefusal] = useState("");
   const send = async (submitted: SubmitEvent) => {
     submitted.preventDefault();
     const typed = new FormData(submitted.currentTarget as HTMLFormElement);
     const { sec, nanosec } = event.stamp;
-    const content = { namespace: of.namespace, actuator_id: of.id, sec, nanosec };
+    const content = { namespace: address.namespace, actuator_id: address.id, sec, nanosec };
     try {
       const answer = await fetch("note", {
         method: "POST",
@@ -95,14 +95,14 @@ function NoteForm({ event, of, close }: { event: UnitEvent; of: Address; close: 
       if (answer.ok) close();
       else setRefusal(await answer.text());
     } catch {
-      setRefusal("The dashboard does not answer: the note is not kept.");
+      setRefusal("The dashboard does not respond: the note was not stored.");
     }
   };
   return (
     <form class="note" onSubmit={send}>
       <input name="person" required maxLength={60} placeholder="Name" aria-label="Name" />
       <input name="text" required maxLength={500} placeholder="Note" aria-label="Note" />
-      <button type="submit">Keep</button>
+      <button type="submit">Save</button>
       {refusal && <span role="alert">{refusal}</span>}
     </form>
   );

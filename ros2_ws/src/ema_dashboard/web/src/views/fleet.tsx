@@ -19,7 +19,7 @@ interface Column {
   name: string;
   title: string;
   unit?: string;
-  of: (actuator: Actuator) => number | string; // sorted in ascending order
+  sortKey: (actuator: Actuator) => number | string; // sorted in ascending order
 }
 
 const unknownLast = (value?: number) =>
@@ -31,17 +31,17 @@ const lifeOf = (actuator: Actuator, quantile: "hours_05" | "hours_50") => {
 };
 
 const COLUMNS: Column[] = [
-  { name: "level", title: "Level", of: (one) => levelOf(one).rank },
-  { name: "actuator", title: "Actuator", of: (one) => one.id },
-  { name: "health", title: "Health index", of: (one) => unknownLast(one.health?.health_index) },
-  { name: "cause", title: "Worst fault or requirement", of: (one) => dominant(one) || "~" },
+  { name: "level", title: "Level", sortKey: (actuator) => levelOf(actuator).rank },
+  { name: "actuator", title: "Actuator", sortKey: (actuator) => actuator.id },
+  { name: "health", title: "Health index", sortKey: (actuator) => unknownLast(actuator.health?.health_index) },
+  { name: "cause", title: "Worst fault or requirement", sortKey: (actuator) => dominant(actuator) || "~" },
   { name: "life", title: "Remaining life", unit: "median, 5 – 95 %",
-    of: (one) => lifeOf(one, "hours_50") },
+    sortKey: (actuator) => lifeOf(actuator, "hours_50") },
   { name: "remove", title: "Remove",
-    of: (one) => (one.health?.level === 2 ? -1 : lifeOf(one, "hours_05")) },
+    sortKey: (actuator) => (actuator.health?.level === 2 ? -1 : lifeOf(actuator, "hours_05")) },
   { name: "test", title: "Last test", unit: "ago",
-    of: (one) => -(one.health ? seconds(one.health.header.stamp) : 0) },
-  { name: "advice", title: "Advice", of: (one) => -(one.advice?.action ?? -1) },
+    sortKey: (actuator) => -(actuator.health ? seconds(actuator.health.header.stamp) : 0) },
+  { name: "advice", title: "Advice", sortKey: (actuator) => -(actuator.advice?.action ?? -1) },
 ];
 
 function dominant(actuator: Actuator): string {
@@ -50,27 +50,27 @@ function dominant(actuator: Actuator): string {
 }
 
 /** Order of actuators, worst first: by level, remaining life and health index. */
-export function byWorst(one: Actuator, other: Actuator): number {
-  return levelOf(one).rank - levelOf(other).rank ||
-    difference(lifeOf(one, "hours_05"), lifeOf(other, "hours_05")) ||
-    difference(unknownLast(one.health?.health_index), unknownLast(other.health?.health_index)) ||
-    one.key.localeCompare(other.key);
+export function byWorst(a: Actuator, b: Actuator): number {
+  return levelOf(a).rank - levelOf(b).rank ||
+    difference(lifeOf(a, "hours_05"), lifeOf(b, "hours_05")) ||
+    difference(unknownLast(a.health?.health_index), unknownLast(b.health?.health_index)) ||
+    a.key.localeCompare(b.key);
 }
 
-function difference(one: number, other: number): number {
-  return one === other ? 0 : one < other ? -1 : 1;
+function difference(a: number, b: number): number {
+  return a === b ? 0 : a < b ? -1 : 1;
 }
 
 function sorted(actuators: Actuator[], by: string): Actuator[] {
   const isDown = by.startsWith("-");
   const column = COLUMNS.find(({ name }) => name === by.replace("-", ""));
   if (!column || by === "level") return actuators.sort(byWorst);
-  const compare = (one: Actuator, other: Actuator) => {
-    const [a, b] = [column.of(one), column.of(other)];
+  const compare = (left: Actuator, right: Actuator) => {
+    const [a, b] = [column.sortKey(left), column.sortKey(right)];
     return typeof a === "string" ? a.localeCompare(String(b)) : difference(a, Number(b));
   };
-  return actuators.sort((one, other) =>
-    (isDown ? -1 : 1) * compare(one, other) || byWorst(one, other));
+  return actuators.sort((a, b) =>
+    (isDown ? -1 : 1) * compare(a, b) || byWorst(a, b));
 }
 
 function matches(actuator: Actuator, words: string): boolean {
@@ -87,16 +87,16 @@ export function Fleet({ state }: { state: State }) {
   const [shown, setShown] = useStored("ema-levels", "");
   const [view, setView] = useStored("ema-joints", "grid");
   const all = [...state.actuators.values()];
-  const namespaces = useMemo(() => new Set(all.map((one) => one.namespace)), [all.length]);
-  const chosen = all.filter((one) =>
-    matches(one, words) && (!shown || nameOf(one) === shown));
+  const namespaces = useMemo(() => new Set(all.map((actuator) => actuator.namespace)), [all.length]);
+  const chosen = all.filter((actuator) =>
+    matches(actuator, words) && (!shown || nameOf(actuator) === shown));
   const hasJoints = all.some(isJoint);
   const joints = view === "grid" ? chosen.filter(isJoint) : [];
-  const rows = sorted(view === "grid" ? chosen.filter((one) => !isJoint(one)) : chosen, by);
+  const rows = sorted(view === "grid" ? chosen.filter((actuator) => !isJoint(actuator)) : chosen, by);
   // Without costs, there is no advice.
   const isAdvised = all.some(({ advice }) => advice !== undefined && advice.action > 0);
   const columns = COLUMNS.filter(({ name }) => name !== "advice" || isAdvised);
-  const count = (name: string) => all.filter((one) => nameOf(one) === name).length;
+  const count = (name: string) => all.filter((actuator) => nameOf(actuator) === name).length;
 
   return (
     <main id="main" tabIndex={-1}>
@@ -145,7 +145,7 @@ export function Fleet({ state }: { state: State }) {
       )}
       {chosen.length === 0 && (
         <p class="empty">
-          No actuator of {all.length} matches.{" "}
+          None of {all.length} actuators matches.{" "}
           <button type="button" class="link" onClick={() => { setWords(""); setShown(""); }}>
             Show all
           </button>
@@ -161,8 +161,8 @@ export function Fleet({ state }: { state: State }) {
             </tr>
           </thead>
           <tbody role="rowgroup">
-            {rows.map((one) => (
-              <Row key={one.key} actuator={one} hasNamespace={namespaces.size > 1}
+            {rows.map((item) => (
+              <Row key={item.key} actuator={item} hasNamespace={namespaces.size > 1}
                 isAdvised={isAdvised} />
             ))}
           </tbody>
@@ -261,5 +261,5 @@ function waiting(actuator: Actuator): string {
     const is = actuator.estimate.verdict === DEPARTED ? "" : "refused: ";
     return `test ${is}${actuator.estimate.reason}`;
   }
-  return "waiting for its first test";
+  return "waiting for the first test";
 }

@@ -19,7 +19,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
   const note = columns && count > 0 && (
     <>
       {count} {count === 1 ? "test" : "tests"} with 90 % intervals
-      {columns.omitted > 0 && <>, {columns.omitted} older ones not shown</>}; hollow: not
+      {columns.omitted > 0 && <>, {columns.omitted} older tests not shown</>}; hollow: not
       significant; band: forecast, 5 – 95 %
     </>
   );
@@ -27,7 +27,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
   return (
     <Section title={title} id="history" note={note}>
       {!columns || count === 0 ? (
-        <Empty>{columns ? "No test of this unit has been kept yet." : "Loading the history…"}</Empty>
+        <Empty>{columns ? "No test of this unit is stored yet." : "Loading the history…"}</Empty>
       ) : (
         <div class="plots many">
           {ASSESSED.filter(({ name }) => isShown(name, actuator.description)).map((fault) => (
@@ -138,14 +138,14 @@ function assemble(
 ): Assembled {
   const at = isHours ? columns.hours : columns.stamp;
   const order = Array.from(at.keys()).filter((i) => Number.isFinite(at[i]!))
-    .sort((one, other) => at[one]! - at[other]!);
+    .sort((a, b) => at[a]! - at[b]!);
   const x = order.map((i) => at[i]!);
   const value = order.map((i) => scale * columns.faults[k]![i]!);
   const sigma = order.map((i) => scale * columns.sigmas[k]![i]!);
   const isHollow = order.map((i) => ((columns.insignificant[i]! >> k) & 1) === 1);
-  const of = forecast?.faults.find((one) => one.name === name);
-  const probabilities = of ? Array.from(forecast!.probabilities) : [];
-  const ahead = of ? Array.from(forecast!.hours, (h) => forecast!.flight_hours + h) : [];
+  const faultForecast = forecast?.faults.find((item) => item.name === name);
+  const probabilities = faultForecast ? Array.from(forecast!.probabilities) : [];
+  const ahead = faultForecast ? Array.from(forecast!.hours, (h) => forecast!.flight_hours + h) : [];
   const known = value.map((v) => (Number.isFinite(v) ? v : null));
   const gap = ahead.map(() => null);
   const data = [
@@ -154,7 +154,7 @@ function assemble(
     [...known.map((v, i) => (isHollow[i] ? v : null)), ...gap],
     ...probabilities.map((_, row) => [
       ...x.map(() => null),
-      ...Array.from(of!.values.subarray(row * ahead.length, (row + 1) * ahead.length),
+      ...Array.from(faultForecast!.values.subarray(row * ahead.length, (row + 1) * ahead.length),
         (value) => scale * value),
     ]),
   ] as uPlot.AlignedData;

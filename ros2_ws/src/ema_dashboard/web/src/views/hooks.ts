@@ -22,15 +22,15 @@ export function useUpdates(state: State): void {
 }
 
 const ticking = new Set<() => void>();
-setInterval(() => ticking.forEach((one) => one()), 1000);
+setInterval(() => ticking.forEach((update) => update()), 1000);
 
 /** Render the component again every second. */
 export function useSecond(): void {
   const [, update] = useReducer((count: number) => count + 1, 0);
   useEffect(() => {
-    const one = () => update(undefined as never);
-    ticking.add(one);
-    return () => void ticking.delete(one);
+    const tick = () => update(undefined as never);
+    ticking.add(tick);
+    return () => void ticking.delete(tick);
   }, []);
 }
 

@@ -29,8 +29,8 @@ export function Life({ life }: { life: RemainingUsefulLife }) {
 
 /** Service hour by which to remove the unit, for the accepted risk of failure. */
 export function RemoveBefore({ health }: { health: Health }) {
-  const known = health.level === STALE ? health.last_level : health.level;
-  if (known === ERROR) return <strong>now</strong>;
+  const level = health.level === STALE ? health.last_level : health.level;
+  if (level === ERROR) return <strong>now</strong>;
   const life = health.rul;
   // Old recordings have no removal risk.
   const hours = health.removal_risk > 0 ? health.removal_hours : life.hours_05;

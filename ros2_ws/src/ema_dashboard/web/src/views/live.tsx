@@ -38,11 +38,12 @@ export function Live({ actuatorKey, description }: {
   const paused = useRef(false);
   paused.current = isPaused;
   const lead = description?.lead ?? 0;
-  const way = lead > 0 ? (1e3 * lead) / (2 * Math.PI) : 1;
+  const travelPerAngle = lead > 0 ? (1e3 * lead) / (2 * Math.PI) : 1;
   const effort = effortOf(description);
   const scale = useRef({ position: 1, command: 1, speed: 1, current: 1 });
   scale.current = {
-    position: way, command: way, speed: lead > 0 ? way * description!.gear_ratio : 1,
+    position: travelPerAngle, command: travelPerAngle,
+    speed: lead > 0 ? travelPerAngle * description!.gear_ratio : 1,
     current: effort.scale,
   };
 
@@ -58,7 +59,7 @@ export function Live({ actuatorKey, description }: {
       for (const { plot, isSeen, columns } of plots.current.values()) {
         // The first signals determine the size of the axes, even if the plot is not visible.
         if (!isSeen() && plot.data[0].length > 0) continue;
-        const drawn = columns.map((one) => withGaps(signals.values[one], scale.current[one]));
+        const drawn = columns.map((name) => withGaps(signals.values[name], scale.current[name]));
         plot.setData([signals.time, ...drawn] as unknown as uPlot.AlignedData);
       }
     });
@@ -78,15 +79,15 @@ export function Live({ actuatorKey, description }: {
   });
   const note = period !== undefined && (
     <span class="live-note">
-      {isSilent ? "no telemetry for 3 s" : `${significant(1 / period, 3)} samples a second`}{" "}
+      {isSilent ? "no telemetry for 3 s" : `${significant(1 / period, 3)} samples per second`}{" "}
       <button type="button" onClick={() => setPaused(!isPaused)}>
-        {isPaused ? "go on" : "pause"}
+        {isPaused ? "resume" : "pause"}
       </button>
     </span>
   );
   return (
     <Section title="Live telemetry" id="live" note={note}>
-      {period === undefined && <Empty>No telemetry has come since this page was opened.</Empty>}
+      {period === undefined && <Empty>No telemetry has been received since this page was opened.</Empty>}
       <div class="plots" hidden={period === undefined}>
         <figure>
           <figcaption><strong>{effort.name}</strong></figcaption>

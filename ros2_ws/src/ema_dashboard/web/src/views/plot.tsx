@@ -37,7 +37,7 @@ export function Plot(props: PlotProps) {
   const plot = useRef<uPlot | null>(null);
   const latest = useRef(props);
   latest.current = props;
-  const structure = props.series.map((one) => `${one.label}${one.stroke}${one.fill}`).join("|");
+  const structure = props.series.map((item) => `${item.label}${item.stroke}${item.fill}`).join("|");
 
   useEffect(() => {
     if (!width) return;
@@ -110,7 +110,7 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
       drag: { x: true, y: false },
       ...(sync ? { sync: { key: sync } } : {}),
     },
-    series: [{ label: "at", value: (_, value) => (value === null ? "" : significant(value, 4)) }, ...series.map((one) => resolved(one))],
+    series: [{ label: "at", value: (_, value) => (value === null ? "" : significant(value, 4)) }, ...series.map((item) => resolved(item))],
     ...(bands ? { bands: bands.map((band) => ({ ...band, fill: colour(String(band.fill)) })) } : {}),
     hooks: { draw: [(plot) => latest.current.draw?.(plot, colour)] },
   };

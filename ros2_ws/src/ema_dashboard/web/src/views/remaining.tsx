@@ -35,7 +35,7 @@ export function Remaining({ health, columns }: { health?: Health; columns?: Hist
           yRange={() => [0, built.top]} draw={draw} />
       ) : (
         <Empty>
-          {columns ? `No remaining life is known${life?.reason ? `: ${life.reason}` : "."}`
+          {columns ? `The remaining life is unknown${life?.reason ? `: ${life.reason}` : "."}`
             : "Loading the history…"}
         </Empty>
       )}
@@ -54,7 +54,7 @@ function inWords(health: Health | undefined, count: number): string {
 function assemble(columns: HistoryColumns, health?: Health) {
   const order = Array.from(columns.hours.keys())
     .filter((i) => Number.isFinite(columns.hours[i]!) && Number.isFinite(columns.rul_50[i]!))
-    .sort((one, other) => columns.hours[one]! - columns.hours[other]!);
+    .sort((a, b) => columns.hours[a]! - columns.hours[b]!);
   const finite = (value: number) => (Number.isFinite(value) ? value : null);
   const life = health?.rul;
   const start = health?.flight_hours ?? NaN;
@@ -62,8 +62,8 @@ function assemble(columns: HistoryColumns, health?: Health) {
     ? [life.hours_50, life.hours_05, life.hours_95].map((h) => (Number.isFinite(h) ? h : 0)) : [];
   const ahead = ends.length
     ? [...new Set([start, ...ends.map((end) => start + end)])].sort((a, b) => a - b) : [];
-  const past = (of: Float64Array) =>
-    [...order.map((i) => finite(of[i]!)), ...ahead.map(() => null)];
+  const past = (values: Float64Array) =>
+    [...order.map((i) => finite(values[i]!)), ...ahead.map(() => null)];
   const future = (end: number) => [
     ...order.map(() => null), ...ahead.map((x) => Math.max(end - (x - start), 0)),
   ];

@@ -37,7 +37,7 @@ export function Shell({ state }: { state: State }) {
       <a class="skip" href="#main" onClick={(event) => {
         event.preventDefault();
         document.getElementById("main")?.focus();
-      }}>To the content</a>
+      }}>Skip to content</a>
       <header class="top">
         <a class="brand" href="#/">
           <img src="icon.svg" alt="" width="28" height="28" /> <span>EMA health</span>
@@ -89,13 +89,13 @@ function NothingYet({ state }: { state: State }) {
         <h1>{hasMonitor ? "No test yet" : "No actuator yet"}</h1>
         <p>
           {hasMonitor
-            ? "A monitor is running. The first actuator appears here when it is described, or has " +
-              "made its first test."
-            : "The dashboard runs, but no monitor and no actuator has been heard in its namespace."}
+            ? "A monitor is running. The first actuator appears here when its description or its " +
+              "first test is received."
+            : "The dashboard is running, but there is no monitor and no actuator in its namespace."}
         </p>
-        {!hasMonitor && <p class="soft">Start one of them: <code>ema up</code>, or{" "}
-          <code>ema up monitor</code> for an actuator of your own.</p>}
-        <p class="soft">{state.topics.length} topics are offered.</p>
+        {!hasMonitor && <p class="soft">Start them with <code>ema up</code>, or a monitor with{" "}
+          <code>ema up monitor</code> for your own actuator.</p>}
+        <p class="soft">{state.topics.length} topics are available.</p>
       </main>
       {state.diagnostics.size > 0 && <div class="below"><Diagnostics state={state} /></div>}
     </>
@@ -133,7 +133,7 @@ function Banner({ state }: { state: State }) {
       <p class="banner warn wide" role="alert">
         <strong>Nothing has been received for{" "}
           {duration((Date.now() - state.lastReceived) / 1000)}.</strong>{" "}
-        The dashboard answers, but no node reports its status. What is shown is as of then.
+        The dashboard is connected, but no node reports its status. The values shown are from that time.
       </p>
     );
   }
@@ -148,7 +148,7 @@ function Banner({ state }: { state: State }) {
         {connection.state === "refused" ? "The server refuses this page." : `Disconnected for ${since}.`}
       </strong>{" "}
       {connection.state === "refused" ? connection.reason
-        : "What is shown is as of then; the page connects again by itself."} {again}
+        : "The values shown are from that time; the page reconnects automatically."} {again}
     </p>
   );
 }
@@ -168,7 +168,7 @@ function Theme() {
     <label class="theme">
       <span class="unseen">Colours</span>
       <select value={theme} onChange={(event) => setTheme(event.currentTarget.value)}>
-        {THEMES.map((one) => <option key={one} value={one}>{one}</option>)}
+        {THEMES.map((name) => <option key={name} value={name}>{name}</option>)}
       </select>
     </label>
   );

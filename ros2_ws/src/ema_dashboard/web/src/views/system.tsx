@@ -16,30 +16,30 @@ const TASKS: Record<string, string> = {
   dashboard: "web page",
 };
 
-export function Diagnostics({ state, of }: { state: State; of?: Address }) {
+export function Diagnostics({ state, address }: { state: State; address?: Address }) {
   useSecond();
   const all = [...state.diagnostics.values()];
-  const chosen = of === undefined ? all : all.filter((one) => isOf(of, one));
-  const shown = chosen.sort((one, other) => rank(one) - rank(other) ||
-    one.name.localeCompare(other.name));
-  const rows = of === undefined ? shown.filter((one) => one.level > 0 || isOfNode(one)) : shown;
+  const chosen = address === undefined ? all : all.filter((status) => isOf(address, status));
+  const shown = chosen.sort((a, b) => rank(a) - rank(b) ||
+    a.name.localeCompare(b.name));
+  const rows = address === undefined ? shown.filter((status) => status.level > 0 || isOfNode(status)) : shown;
   const isMany = new Set(all.map(namespaceOf)).size > 1;
-  const list = (some: Diagnostic[]) => (
+  const list = (statuses: Diagnostic[]) => (
     <ul class="diagnostics">
-      {some.map((one) => (
-        <li key={one.name}>
-          <Badge level={LEVELS[isSilent(one) ? 3 : one.level] ?? UNKNOWN} />
-          <strong title={one.name}>{labelOf(one, of, isMany)}</strong>
+      {statuses.map((status) => (
+        <li key={status.name}>
+          <Badge level={LEVELS[isSilent(status) ? 3 : status.level] ?? UNKNOWN} />
+          <strong title={status.name}>{labelOf(status, address, isMany)}</strong>
           <span>
-            {one.message}
-            {isSilent(one) &&
-              <span class="soft"> silent for {duration((Date.now() - one.received) / 1000)}</span>}
+            {status.message}
+            {isSilent(status) &&
+              <span class="soft"> silent for {duration((Date.now() - status.received) / 1000)}</span>}
           </span>
-          {of !== undefined && one.values.length > 0 && (
+          {address !== undefined && status.values.length > 0 && (
             <details>
-              <summary>{one.values.length} {one.values.length === 1 ? "figure" : "figures"}</summary>
+              <summary>{status.values.length} {status.values.length === 1 ? "value" : "values"}</summary>
               <dl class="values">
-                {one.values.map(({ key, value }) => {
+                {status.values.map(({ key, value }) => {
                   const [, name, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(key)!;
                   return <div key={key}><dt>{name}</dt><dd>{figure(value)} {unit}</dd></div>;
                 })}
@@ -50,11 +50,11 @@ export function Diagnostics({ state, of }: { state: State; of?: Address }) {
       ))}
     </ul>
   );
-  const quiet = rows.filter((one) => one.level === 0 && !isSilent(one));
+  const quiet = rows.filter((status) => status.level === 0 && !isSilent(status));
   return (
-    <Section title={of === undefined ? "System" : "Diagnostics"} id="diagnostics">
+    <Section title={address === undefined ? "System" : "Diagnostics"} id="diagnostics">
       {rows.length === 0 && <Empty>No status has been received.</Empty>}
-      {list(rows.filter((one) => !quiet.includes(one)))}
+      {list(rows.filter((status) => !quiet.includes(status)))}
       {quiet.length > 0 && (
         <details class="quiet"><summary>{quiet.length} OK</summary>{list(quiet)}</details>
       )}
@@ -63,9 +63,9 @@ export function Diagnostics({ state, of }: { state: State; of?: Address }) {
 }
 
 /** Label of a status: its task, without the actuator's name on its page, else with the node. */
-function labelOf({ name }: Diagnostic, of: Address | undefined, isMany: boolean): string {
+function labelOf({ name }: Diagnostic, address: Address | undefined, isMany: boolean): string {
   const [, node = "", task = name] = /^(.*?): (.*)$/.exec(name) ?? [];
-  if (of !== undefined) return task.replace(`${of.id} `, "");
+  if (address !== undefined) return task.replace(`${address.id} `, "");
   return `${isMany ? node : node.replace(/^.*\//, "")}: ${TASKS[task] ?? task}`;
 }
 
@@ -81,10 +81,10 @@ function isOfNode({ name }: Diagnostic): boolean {
   return /: \S+$/.test(name);
 }
 
-function isSilent(one: Diagnostic): boolean {
-  return Date.now() - one.received > SILENT_MS;
+function isSilent(status: Diagnostic): boolean {
+  return Date.now() - status.received > SILENT_MS;
 }
 
-function rank(one: Diagnostic): number {
-  return (LEVELS[isSilent(one) ? 3 : one.level] ?? UNKNOWN).rank;
+function rank(status: Diagnostic): number {
+  return (LEVELS[isSilent(status) ? 3 : status.level] ?? UNKNOWN).rank;
 }

@@ -94,9 +94,9 @@ function Items(
 function Widening({ item }: { item: FaultHealth }) {
   // Old recordings have no widening; NaN is unknown.
   if (!item.rul.known || !(item.widening > WIDENED)) return null;
-  const checked = `Of the predictions so far, the root mean square of the normal scores is ` +
+  const checked = `The root mean square of the normal scores of past predictions is ` +
     `${fixed(item.calibration, 2)} for the next test and ${fixed(item.calibration_ahead, 2)} ` +
-    "for twenty tests ahead: above 1 they were too narrow.";
+    "for twenty tests ahead; above 1, their intervals were too narrow.";
   return <small class="soft nowrap" title={checked}> widened × {fixed(item.widening, 1)}</small>;
 }
 
@@ -165,9 +165,9 @@ export function FaultVector({ estimate, description }: {
         {!isOfRecord(estimate) && (
           <div>
             <div class="choice" role="group" aria-label="Matrix">
-              {(["correlation", "covariance"] as const).map((one) => (
-                <button type="button" key={one} aria-pressed={shows === one}
-                  onClick={() => setShows(one)}>{one}</button>
+              {(["correlation", "covariance"] as const).map((kind) => (
+                <button type="button" key={kind} aria-pressed={shows === kind}
+                  onClick={() => setShows(kind)}>{kind}</button>
               ))}
             </div>
             <Matrix covariance={estimate.covariance} sigma={sigma} shows={shows} />

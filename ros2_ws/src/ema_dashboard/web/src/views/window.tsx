@@ -33,9 +33,9 @@ function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit })
   if (estimate?.stretches) {
     return (
       <Empty>
-        This estimate rests on {estimate.stretches}{" "}
-        {estimate.stretches === 1 ? "stretch" : "stretches"} of ordinary motion together. The monitor
-        keeps the telemetry of none of them, so there are no signals to show.
+        This estimate combines {estimate.stretches}{" "}
+        {estimate.stretches === 1 ? "stretch" : "stretches"} of ordinary motion. The monitor does not
+        store their telemetry, so there are no signals to show.
       </Empty>
     );
   }
@@ -82,8 +82,8 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
           </Figure>
         )}
       </dl>
-      <Causes title="Explained by what is no fault" causes={estimate.causes} />
-      <Causes title="Measured, and taken for known" causes={estimate.measured} />
+      <Causes title="Explained by causes other than faults" causes={estimate.causes} />
+      <Causes title="Measured, and assumed known" causes={estimate.measured} />
       {estimate.alternatives.length > 0 && (
         <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.alternatives.map(confused).join("; ")}.</p>
       )}
@@ -121,12 +121,12 @@ function Signals({ fit }: { fit: WindowFit }) {
     const time = Array.from(fit.position, (_, i) => fit.start + i * fit.period);
     // The column of a quantity that is not measured is empty and has no residual.
     const shown = (values: Float32Array) => (values.length ? values : time.map(() => null));
-    const rest = (one: Float32Array, other: Float32Array) =>
-      time.map((_, i) => (one.length === other.length ? one[i]! - other[i]! : null));
+    const difference = (measured: Float32Array, model: Float32Array) =>
+      time.map((_, i) => (measured.length === model.length ? measured[i]! - model[i]! : null));
     const rms = (values: (number | null)[]) =>
       Math.sqrt(values.reduce<number>((sum, v) => sum + (v ?? NaN) ** 2, 0) / values.length);
-    const current = rest(fit.current, fit.estimated_current);
-    const speed = rest(fit.speed, fit.estimated_speed);
+    const current = difference(fit.current, fit.estimated_current);
+    const speed = difference(fit.speed, fit.estimated_speed);
     return {
       current: [time, shown(fit.current), shown(fit.estimated_current)],
       currentRest: [time, current],
