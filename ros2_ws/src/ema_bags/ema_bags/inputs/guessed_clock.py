@@ -39,7 +39,7 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
     """
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or _is_time(columns, name)]
-    others = [name for name in names if name not in named]
+    remaining = [name for name in names if name not in named]
     sums = _dated(columns, named)
     errors: list[ValueError] = []
     for name in sums or named:
@@ -53,7 +53,7 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
             continue
         if clock.unit != unit:
             doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
-        return clock, others if sums else [item for item in names if item != name]
+        return clock, remaining if sums else [item for item in names if item != name]
     if errors:
         raise errors[0]
     if named := [*named, *(name for name in columns.texts if "time" in roles_of(name))]:
@@ -62,15 +62,15 @@ def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list
             f"{_disorder(columns, named[0])}: set clock.source and clock.unit, or clock.rate_hz "
             "if the samples are regular (--set)"
         )
-    for clock in [_clock_of(columns, name) for name in others if _may_be_time(columns, name)]:
+    for clock in [_clock_of(columns, name) for name in remaining if _may_be_time(columns, name)]:
         values = columns.values[clock.source]
         step_ns = _step_of(values) * TIMES_NS[clock.unit]
         is_usual = clock.source in columns.dates or _FASTEST_NS < step_ns < _SLOWEST_NS
         if is_usual and not _counts(values) and _is_clock(columns, clock):
             doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
-            return clock, [name for name in others if name != clock.source]
+            return clock, [name for name in remaining if name != clock.source]
     doubts.append(Doubt(DoubtKind.NO_CLOCK, "clock", value=_ASSUMED_HZ))
-    return Clock(rate_hz=_ASSUMED_HZ), others
+    return Clock(rate_hz=_ASSUMED_HZ), remaining
 
 
 def _is_time(columns: TableColumns, name: str) -> bool:

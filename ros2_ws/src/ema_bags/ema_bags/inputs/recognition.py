@@ -214,22 +214,22 @@ class Recognizer:
 
     def _position_score(self, a: int) -> float:
         """Return a score for a column as the measured position of a joint."""
-        others = [b for b in range(len(self.names)) if b != a]
+        candidates = [b for b in range(len(self.names)) if b != a]
         hint = self._hints[a]
-        rate = max((self._rate_score(a, b) for b in others), default=0.0)
+        rate = max((self._rate_score(a, b) for b in candidates), default=0.0)
         is_rate = max(
             (
                 self._rate[b][a].correlation ** 2
-                for b in others
+                for b in candidates
                 if self._is_sure_rate(b, a) and not self._hints[b].supports("effort") > 0.0
             ),
             default=0.0,
         )
-        follows = max((self._copy[b][a].correlation for b in others), default=0.0)
+        follows = max((self._copy[b][a].correlation for b in candidates), default=0.0)
         if rate < 1.0:
             # Without a speed, a column is a position if it explains an effort, especially if it
             # also follows a command.
-            efforts = [b for b in others if not self._is_copy(a, b)]
+            efforts = [b for b in candidates if not self._is_copy(a, b)]
             explained = max((self._explained_effort(a, b) for b in efforts), default=0.0)
             rate = max(explained if follows > _FOLLOWS else 0.5 * explained, 0.0)
         return (
