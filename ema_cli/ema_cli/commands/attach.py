@@ -66,7 +66,7 @@ _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", 
     type=click.IntRange(0, 60),
     default=0,
     metavar="RECORDS",
-    help="Records after which a baseline is accepted; 0: by a person.",
+    help="Records after which a baseline is accepted; 0: a person accepts it.",
 )
 @click.option(
     "--folder",

@@ -54,18 +54,18 @@ class RecorderSettings(Checked):
         0.0,
         86400.0,
         "time kept in memory and written when a level changes or ~/snapshot is called; 0: "
-        "everything is written at once",
+        "every message is written immediately",
     )
     snapshot_after: float = quantity(
-        0.0, "s", 0.0, 3600.0, "how long recording goes on after a level change, for a snapshot"
+        0.0, "s", 0.0, 3600.0, "time after a level change until the snapshot is written"
     )
     snapshot_levels: str = text(
         "all",
-        "levels whose change writes a snapshot: of health and diagnostics, or of health",
+        "levels whose changes trigger a snapshot: all (health and diagnostics), or health",
         ("all", "health"),
     )
     max_snapshots_size: int = quantity(
-        0, "B", 0, 10**15, "size of all snapshots, beyond which the oldest are deleted; 0: none is"
+        0, "B", 0, 10**15, "size of all snapshots, above which the oldest are deleted; 0: no limit"
     )
     max_cache_size: int = quantity(
         104857600,
@@ -237,7 +237,7 @@ class BagRecorder:
         """
         if not self._settings.snapshot_duration:
             raise ValueError(
-                "no snapshot: snapshot_duration is 0, so everything is written at once"
+                "no snapshot: snapshot_duration is 0, so every message is written immediately"
             )
         if not self._kept:
             raise ValueError("no messages received after the last snapshot")

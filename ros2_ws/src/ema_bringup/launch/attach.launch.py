@@ -20,7 +20,10 @@ def generate_launch_description() -> LaunchDescription:
         ("bridge", "monitor", "recorder", "dashboard"),
         attach_params=(ema.shipped_file("attach"), "parameters of all nodes of this launch file"),
         effort_unit=("N.m", "unit of the effort: N.m, A or N"),
-        accept_after=("0", "healthy records after which a baseline is accepted; 0: by a person"),
+        accept_after=(
+            "0",
+            "healthy records after which a baseline is accepted; 0: a person accepts",
+        ),
         recordings=("recordings", "folder of the recordings of level changes; it must be new"),
     )
 

@@ -259,7 +259,10 @@ class BridgeNode(ManagedNode):
         if not states:
             level, text = WARN, "no publisher of joint states"
         elif not actuators:
-            level, text = WARN, f"no joint moves on {', '.join(states)} yet, or none matches joints"
+            level = WARN
+            text = (
+                f"no joint moves on {', '.join(states)} yet, or no joint matches parameter joints"
+            )
         elif without:
             level = WARN
             text += f"; no effort is published: {', '.join(without)}: friction cannot be judged"

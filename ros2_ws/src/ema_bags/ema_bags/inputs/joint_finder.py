@@ -180,7 +180,7 @@ class JointFinder:
             joints = ElementTree.fromstring(urdf).iter("joint")
             prismatic = {str(j.get("name")) for j in joints if j.get("type") == "prismatic"}
         except ElementTree.ParseError as error:
-            return f"{topic} is not a robot description: {error}; all joints are taken as rotary"
+            return f"{topic} is not a robot description: {error}; all joints are assumed rotary"
         self._prismatic[namespace_of(topic)] = prismatic
         return ""
 
