@@ -13,15 +13,15 @@ DEADLINE_S = 60.0
 
 def participants() -> set[str]:
     """Return the event threads of Fast DDS in this process, one for each participant."""
-    found = set()
+    names = set()
     for folder in Path("/proc/self/task").iterdir():
         try:
             name = (folder / "comm").read_text()
         except OSError:  # the thread has just ended
             continue
         if name.startswith("dds.ev."):
-            found.add(f"DDS participant (thread {folder.name})")
-    return found
+            names.add(f"DDS participant (thread {folder.name})")
+    return names
 
 
 def threads() -> set[threading.Thread]:

@@ -62,7 +62,7 @@ class Page(HTMLParser):
 
     def values(self, name: str) -> list[str]:
         """Return the values of an attribute in all elements."""
-        return [value for _, one, value in self.attributes if one == name]
+        return [value for _, attribute, value in self.attributes if attribute == name]
 
     def table(self, beginning: str) -> list[list[str]]:
         """Return the cells of a table without its head; its caption starts with ``beginning``."""

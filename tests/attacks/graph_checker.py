@@ -72,8 +72,8 @@ class Run:
 
     def around(self, start_ns: int, end_ns: int) -> tuple[StatusNote, StatusNote] | None:
         """Return the last status before ``start_ns`` and the first after ``end_ns``, or None."""
-        before = [one for one in self.statuses if one.sent_ns <= start_ns]
-        after = [one for one in self.statuses if one.sent_ns >= end_ns]
+        before = [status for status in self.statuses if status.sent_ns <= start_ns]
+        after = [status for status in self.statuses if status.sent_ns >= end_ns]
         return (before[-1], after[0]) if before and after else None
 
 
@@ -81,12 +81,12 @@ def check(case: Case, record: GraphRecord, what: str = "") -> None:
     """Check the rules on a record. Add violations, and counts of windows and runs, to a case."""
     lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
     for name in record.actuators():
-        one = _Actuator(record, name)
+        actuator = _Actuator(record, name)
         for rule, check_rule in _RULES.items():
-            for text in check_rule(one, lost):
+            for text in check_rule(actuator, lost):
                 case.fail(f"{what}{rule}: {name}: {text}")
-        case.count("windows", len(one.answers))
-        case.count("runs", len(one.runs))
+        case.count("windows", len(actuator.answers))
+        case.count("runs", len(actuator.runs))
 
 
 def lost_messages(record: GraphRecord, topic: str = "") -> int:
@@ -118,8 +118,8 @@ class _Actuator:
         self.answers = [item for item in record.answers if item.actuator_id == name]
         self.healths = [item for item in record.healths if item.actuator_id == name]
         self.found = [item for item in record.found if item.actuator_id == name]
-        own = f": {name} telemetry"
-        self.runs = _runs([item for item in record.statuses if item.name.endswith(own)])
+        suffix = f": {name} telemetry"
+        self.runs = _runs([item for item in record.statuses if item.name.endswith(suffix)])
         _deal(self.answers, self.runs)
         self.jumps_ns = [
             late.sent_ns
@@ -134,8 +134,10 @@ class _Actuator:
         """
         spans = []
         for first, last in self._standstills:
-            found = last + (round(DISCOVERY_S * _NS) if last - first > LEASE_S * _NS else 0)
-            if (span := min(end_ns, found) - max(start_ns, first)) >= 0:
+            rediscovered_ns = last + (
+                round(DISCOVERY_S * _NS) if last - first > LEASE_S * _NS else 0
+            )
+            if (span := min(end_ns, rediscovered_ns) - max(start_ns, first)) >= 0:
                 spans.append(span)
         return spans
 
@@ -196,24 +198,24 @@ def _deal(answers: list[Answer], runs: list[Run]) -> None:
         runs[place].answers.append(answer)
 
 
-def _twice(one: _Actuator, _: Lost) -> Iterator[str]:
-    for run in one.runs:
+def _twice(actuator: _Actuator, _: Lost) -> Iterator[str]:
+    for run in actuator.runs:
         for number, times in Counter(item.window for item in run.answers).items():
             if times > 1:
                 yield f"window {number} has {times} answers in one run of the monitor"
-    ends = Counter(item.end_ns for item in one.answers if item.valid)
+    ends = Counter(item.end_ns for item in actuator.answers if item.valid)
     for end_ns, times in ends.items():
-        if times > 1 and times > one.times_sent(end_ns):
+        if times > 1 and times > actuator.times_sent(end_ns):
             yield f"the window that ends at {end_ns} ns was identified {times} times"
 
 
-def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
-    for run in one.runs:
+def _unanswered(actuator: _Actuator, lost: Lost) -> Iterator[str]:
+    for run in actuator.runs:
         answers = sorted(run.answers, key=lambda item: item.window)
         missing = [
             number
             for early, late in pairwise(answers)
-            if not one.unheard_ns(*sorted((early.sent_ns, late.sent_ns)))
+            if not actuator.unheard_ns(*sorted((early.sent_ns, late.sent_ns)))
             for number in range(early.window + 1, late.window)
         ]
         if len(missing) > lost.estimates:
@@ -221,21 +223,21 @@ def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
                 f"windows {_some(missing)} of a run have no answer, and the recorder lost "
                 f"{lost.estimates} of them"
             )
-        yield from _counted(one, run, lost)
-    answered = {(item.start_ns, item.end_ns) for item in one.answers}
+        yield from _counted(actuator, run, lost)
+    answered = {(item.start_ns, item.end_ns) for item in actuator.answers}
     silent = [
         window
-        for window in one.found
+        for window in actuator.found
         if (window.start_ns, window.end_ns) not in answered
-        and _had_to_answer(one, window)
-        and not one.unheard_ns(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
+        and _had_to_answer(actuator, window)
+        and not actuator.unheard_ns(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
     ]
     if len(silent) > lost.estimates:
         ends = _some([window.end_ns for window in silent])
         yield f"windows in the telemetry that end at {ends} ns have no answer"
 
 
-def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
+def _counted(actuator: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     """Compare the counted windows of a run with its answers, some time before its end."""
     old = [item for item in run.counted() if run.last_ns - item.sent_ns > ANSWER_S * _NS]
     if len(old) < 2:
@@ -245,23 +247,23 @@ def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     answered = sum(
         first.count("windows") <= item.window < last.count("windows") for item in run.answers
     )
-    unseen = lost.estimates + one.unheard(first.sent_ns, run.last_ns)
+    unseen = lost.estimates + actuator.unheard(first.sent_ns, run.last_ns)
     if counted - answered > unseen:
         yield f"{counted} windows were counted, {answered} answered, {lost.estimates} answers lost"
 
 
-def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
+def _had_to_answer(actuator: _Actuator, window: FoundWindow) -> bool:
     """Return whether a monitor was running, received all of a window and had time to answer."""
     duration_ns = window.end_ns - window.start_ns
     start_ns = window.sent_ns - duration_ns - round(_STATUS_S * _NS)
-    if window.sent_ns + ANSWER_S * _NS > one.end_ns:
+    if window.sent_ns + ANSWER_S * _NS > actuator.end_ns:
         return False
-    for run in one.runs:
+    for run in actuator.runs:
         # A monitor that stood still detects a loss later.
-        found = run.around(start_ns, window.sent_ns + round(ANSWER_S * _NS))
-        if found is None:
+        statuses = run.around(start_ns, window.sent_ns + round(ANSWER_S * _NS))
+        if statuses is None:
             continue
-        before, after = found
+        before, after = statuses
         if not before.count("blocks"):
             return False
         heard_all = all(
@@ -271,15 +273,15 @@ def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
     return False
 
 
-def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
+def _refused_health(actuator: _Actuator, lost: Lost) -> Iterator[str]:
     sent: dict[int, int] = {}
-    for item in one.answers:
+    for item in actuator.answers:
         if item.valid:
             sent.setdefault(item.end_ns, item.sent_ns)
-    refused = {item.end_ns for item in one.answers if not item.valid} - sent.keys()
-    first_ns = min((item.sent_ns for item in one.answers), default=one.end_ns)
+    refused = {item.end_ns for item in actuator.answers if not item.valid} - sent.keys()
+    first_ns = min((item.sent_ns for item in actuator.answers), default=actuator.end_ns)
     unknown = []
-    for health in one.healths:
+    for health in actuator.healths:
         if health.stamp_ns in refused:
             yield f"the health of {health.stamp_ns} ns is of a test that was refused"
         elif health.stamp_ns in sent:
@@ -288,42 +290,42 @@ def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
         elif (
             health.stamp_ns
             and health.sent_ns > first_ns
-            and not _is_resumed(one, health)
-            and not one.unheard_ns(health.stamp_ns, health.sent_ns)
+            and not _is_resumed(actuator, health)
+            and not actuator.unheard_ns(health.stamp_ns, health.sent_ns)
         ):
             unknown.append(health.stamp_ns)
     if len(unknown) > lost.estimates:
         yield f"the healths of {_some(unknown)} ns have no estimate, {lost.estimates} were lost"
 
 
-def _is_resumed(one: _Actuator, health: HealthNote) -> bool:
+def _is_resumed(actuator: _Actuator, health: HealthNote) -> bool:
     """Return whether a health belongs to a test in the unit's history, before the record."""
-    return not one.blocks or health.stamp_ns < one.blocks[0].stamp_ns
+    return not actuator.blocks or health.stamp_ns < actuator.blocks[0].stamp_ns
 
 
-def _order(one: _Actuator, _: Lost) -> Iterator[str]:
-    for run in one.runs:
+def _order(actuator: _Actuator, _: Lost) -> Iterator[str]:
+    for run in actuator.runs:
         for early, late in zip(run.answers, run.answers[1:], strict=False):
             if late.window < early.window:
-                yield f"the answer to window {late.window} came after that to {early.window}"
-            went_back = one.goes_back_between(early.sent_ns, late.sent_ns)
+                yield f"the answer to window {late.window} came after the answer to {early.window}"
+            went_back = actuator.goes_back_between(early.sent_ns, late.sent_ns)
             if late.window > early.window and late.end_ns <= early.end_ns and not went_back:
                 yield f"window {late.window} ends before window {early.window}"
-    for early, late in zip(one.healths, one.healths[1:], strict=False):
-        if late.stamp_ns < early.stamp_ns and not one.goes_back_between(
+    for early, late in zip(actuator.healths, actuator.healths[1:], strict=False):
+        if late.stamp_ns < early.stamp_ns and not actuator.goes_back_between(
             early.sent_ns, late.sent_ns
         ):
-            yield f"the health of {late.stamp_ns} ns came after that of {early.stamp_ns} ns"
+            yield f"the health of {late.stamp_ns} ns came after the health of {early.stamp_ns} ns"
 
 
-def _stamps(one: _Actuator, _: Lost) -> Iterator[str]:
-    for item in one.answers:
-        if not one.is_simulated and item.sent_ns < item.end_ns - _AHEAD_NS:
+def _stamps(actuator: _Actuator, _: Lost) -> Iterator[str]:
+    for item in actuator.answers:
+        if not actuator.is_simulated and item.sent_ns < item.end_ns - _AHEAD_NS:
             yield f"window {item.window}: its answer was sent before its end"
-    for early, late in zip(one.blocks, one.blocks[1:], strict=False):
+    for early, late in zip(actuator.blocks, actuator.blocks[1:], strict=False):
         if late.first_index == early.first_index + early.samples:
             due_ns = early.stamp_ns + round(early.samples * early.period_s * _NS)
-            if late.stamp_ns < due_ns - _STAMP_NS and not one.is_simulated:
+            if late.stamp_ns < due_ns - _STAMP_NS and not actuator.is_simulated:
                 yield f"block {late.first_index}: its stamp is {due_ns - late.stamp_ns} ns early"
 
 
@@ -333,13 +335,13 @@ def _found_only(status: StatusNote) -> int:
     return status.count("windows") - answered
 
 
-def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
-    for run in one.runs:
+def _counters(actuator: _Actuator, lost: Lost) -> Iterator[str]:
+    for run in actuator.runs:
         statuses = run.counted()
         if len(statuses) < 2:
             continue
         first, last = statuses[0], statuses[-1]
-        unseen = lost.estimates + one.unheard(first.sent_ns, last.sent_ns)
+        unseen = lost.estimates + actuator.unheard(first.sent_ns, last.sent_ns)
         for key, wanted in (("estimates valid", True), ("estimates invalid", False)):
             counted = last.count(key) - first.count(key)
             within = [
@@ -357,7 +359,7 @@ def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
         # A window is counted when it is dropped, but its answer waits behind earlier answers.
         if not -1 - _found_only(first) <= dropped - reported <= 1 + _found_only(last) + unseen:
             yield f"{dropped} windows dropped were counted, {reported} published"
-    stretches = _stretches(one.blocks, one.told_jumps_ns)
+    stretches = _stretches(actuator.blocks, actuator.told_jumps_ns)
     missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
     if missing > lost.telemetry:
         printed = lost.telemetry

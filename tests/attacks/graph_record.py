@@ -134,18 +134,18 @@ def read_graph(path: Path) -> GraphRecord:
     record.standstills = [(gap.start_ns, gap.end_ns) for gap in bag.gaps if not gap.messages]
     record.end_ns = bag.end_ns or 0
     finders = defaultdict[str, WindowFinder](lambda: WindowFinder(TriggerSettings()))
-    known: set[tuple[str, int, int]] = set()
+    seen: set[tuple[str, int, int]] = set()
     for item in bag.messages(bag.topics_of(*_TYPES)):
         sent_ns = item.publish_time_ns
         # A recorder that was disconnected receives latched messages again.
         key = (item.topic, sent_ns, hash(str(getattr(item.message, "actuator_id", ""))))
         if item.type_name.endswith(("Health", "FaultEstimate")):
-            if key in known:
+            if key in seen:
                 continue
-            known.add(key)
+            seen.add(key)
         _note(record, finders, item, sent_ns)
     for items in (record.blocks, record.answers, record.healths, record.statuses, record.found):
-        items.sort(key=lambda one: one.sent_ns)
+        items.sort(key=lambda entry: entry.sent_ns)
     return record
 
 
@@ -158,7 +158,7 @@ def _note(
     elif kind == "PlaybackState":
         record.jumps_ns += [sent_ns] if message.jumped else []
     elif kind == "DiagnosticArray":
-        record.statuses += (_status(one, sent_ns) for one in message.status)
+        record.statuses += (_status(status, sent_ns) for status in message.status)
     elif kind == "Health":
         record.healths.append(
             HealthNote(message.actuator_id, stamp_from_message(message.header.stamp), sent_ns)

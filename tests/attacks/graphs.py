@@ -151,8 +151,8 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
         request = seek.Request(time=stamp_to_message(to_ns))
         answer = client.call_async(request)
         graph.wait_for(answer.done, "an answer of the player to a seek")
-        found: Any = answer.result()
-        assert found.success, f"a seek to {to_ns} ns was refused: {found}"
+        response: Any = answer.result()
+        assert response.success, f"a seek to {to_ns} ns was refused: {response}"
         since_s = time.time()
         graph.wait_for(lambda since_s=since_s: graph.valid_since(since_s), "an estimate")
         graph.wait(rng.uniform(0.0, 2.0))

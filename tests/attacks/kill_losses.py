@@ -41,9 +41,9 @@ def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_du
             case.fail(f"{path.name} has no telemetry, although it was recorded")
         return
     first, last = min(recorded), max(recorded)
-    sent = [one for one in graph.blocks if first <= one[0] and one[1] <= killed_s]
-    lost = [one for one in sent if one[0] not in recorded]
-    holes = [one for one in lost if one[0] < last]
+    sent = [block for block in graph.blocks if first <= block[0] and block[1] <= killed_s]
+    lost = [block for block in sent if block[0] not in recorded]
+    holes = [block for block in lost if block[0] < last]
     if holes:
         case.fail(f"{path.name}: {len(holes)} blocks are missing before the last one")
     tail_s = min((came_s for sent_ns, came_s in lost if sent_ns > last), default=killed_s)
@@ -70,7 +70,7 @@ def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -
 
 
 def check_history(
-    case: Case, path: Path, unit: tuple[str, str], answered: list[int], known: set[int]
+    case: Case, path: Path, unit: tuple[str, str], answered: list[int], already_missing: set[int]
 ) -> set[int]:
     """Compare the tests answered until a kill with the history.
 
@@ -90,7 +90,7 @@ def check_history(
         problem = history.problem
     finally:
         history.close()
-    missing = [stamp for stamp in answered if stamp not in kept | known]
+    missing = [stamp for stamp in answered if stamp not in kept | already_missing]
     if problem:
         case.fail(f"the history of a killed monitor: {problem}")
     if missing and (len(missing) > 1 or missing != answered[-1:]):

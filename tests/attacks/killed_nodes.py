@@ -99,27 +99,27 @@ class NodeKills:
             self._recording_s = time.time()
 
     def _records(self, graph: Graph, since_s: float) -> bool:
-        found = graph.status.get("/ema/recorder: recording")
+        status = graph.status.get("/ema/recorder: recording")
         return (
-            found is not None
-            and found.came_s > since_s
-            and found.values.get("bag") == str(self._bags[-1])
-            and TELEMETRY in found.values.get("topics", "")
-            and int(found.values.get("messages", "0")) > 0
+            status is not None
+            and status.came_s > since_s
+            and status.values.get("bag") == str(self._bags[-1])
+            and TELEMETRY in status.values.get("topics", "")
+            and int(status.values.get("messages", "0")) > 0
         )
 
     def _serves(self, graph: Graph, since_s: float) -> bool:
-        found = graph.status.get("/ema/dashboard: dashboard")
-        if found is None or found.came_s < since_s:
+        status = graph.status.get("/ema/dashboard: dashboard")
+        if status is None or status.came_s < since_s:
             return False
         try:
-            with urllib.request.urlopen(found.values["address"], timeout=5.0) as answer:
+            with urllib.request.urlopen(status.values["address"], timeout=5.0) as answer:
                 return answer.status == 200
         except (urllib.error.URLError, OSError):
             return False
 
     def _kill(self, graph: Graph, victim: str, *, waits: bool) -> None:
-        others = in_touch(graph, victim)
+        observers = in_touch(graph, victim)
         killed_s = graph.kill(victim)
         if victim == "recorder":
             recorded_s = 0.0 if self._recording_s is None else killed_s - self._recording_s
@@ -128,18 +128,18 @@ class NodeKills:
             measure_loss(self._case, self._bags[-1], graph, killed_s, is_due=is_due)
         if victim == "monitor":
             path = history_path(self._folder / "history", *_UNIT)
-            ends = {stamp_from_message(one.window_end) for one in graph.valid_since(0.0)}
+            ends = {stamp_from_message(estimate.window_end) for estimate in graph.valid_since(0.0)}
             answered = sorted(ends)
             self._lost_tests |= check_history(self._case, path, _UNIT, answered, self._lost_tests)
         if waits:
-            self._wait_until_told(graph, victim, others, killed_s)
+            self._wait_until_told(graph, victim, observers, killed_s)
         graph.check_alive()
         self._begin(graph, victim)
 
     def _wait_until_told(
-        self, graph: Graph, victim: str, others: list[str], since_s: float
+        self, graph: Graph, victim: str, observers: list[str], since_s: float
     ) -> None:
-        for name in others:
+        for name in observers:
             graph.wait_for(
                 lambda name=name: graph.says(f"/ema/{name}: peers", f"/ema/{victim}", since_s),
                 f"{name} to say that {victim} has gone",
@@ -148,19 +148,19 @@ class NodeKills:
 
     def _stand_still(self, graph: Graph) -> None:
         victim = str(self._rng.choice(_LIVE))
-        others = in_touch(graph, victim)
+        observers = in_touch(graph, victim)
         graph.pause(victim)
         try:
             graph.wait(_STANDSTILL_S)
         finally:
             graph.resume(victim)
-        for name in others:
+        for name in observers:
             if not any(f"/ema/{victim}" in text for text in graph.reported[f"/ema/{name}: peers"]):
                 self._case.fail(f"{name} did not say that {victim} had gone for a while")
         since_s = time.time()
         self._wait_until_back(graph, victim, since_s)
         graph.wait_for(
-            lambda: set(others) <= set(in_touch(graph, victim, since_s)),
+            lambda: set(observers) <= set(in_touch(graph, victim, since_s)),
             f"all to be in touch again with {victim}",
         )
 
@@ -172,9 +172,9 @@ class NodeKills:
         for _ in range(_PLAYER_KILLS):
             self._play(graph, bag)
             graph.wait(self._rng.uniform(0.0, _LONGEST_WAIT_S))
-            others = in_touch(graph, "player")
+            observers = in_touch(graph, "player")
             killed_s = graph.kill("player")
-            self._wait_until_told(graph, "player", others, killed_s)
+            self._wait_until_told(graph, "player", observers, killed_s)
         self._play(graph, bag)
         for name in ("player", "monitor"):
             if (code := graph.stop(name)) != 0:

@@ -110,16 +110,16 @@ def _judge(
     """Print the growth of each process, and record failures; ``tests`` is tests per minute."""
     settled = min(SETTLED_MIN, minutes / 3.0)
     for name, samples in course.items():
-        one = growth_of(samples, settled)
+        growth = growth_of(samples, settled)
         words = (
-            f"{one.memory_mb:.1f} MB, {one.slope:+.3f} ± {one.sigma:.3f} MB/min, "
-            f"{one.threads:+d} threads, {one.descriptors:+d} descriptors"
+            f"{growth.memory_mb:.1f} MB, {growth.slope:+.3f} ± {growth.sigma:.3f} MB/min, "
+            f"{growth.threads:+d} threads, {growth.descriptors:+d} descriptors"
         )
         of_tests = tests * TEST_MB if name.startswith("monitor") else 0.0
         print(f"{name}: {words}, of it {of_tests:.3f} MB/min for {tests:.1f} tests a minute")
-        if one.grows(of_tests):
+        if growth.grows(of_tests):
             case.fail(f"{name} grows: {words}")
-        elif not one.is_judged:
+        elif not growth.is_judged:
             case.fail(f"{name} cannot be judged: {words}: run longer")
     settled_shared = shared[len(shared) // 3 :] or [0]
     grown_mb = (settled_shared[-1] - settled_shared[0]) * _MB
@@ -136,12 +136,12 @@ def _begin(graph: Graph, case: Case, bag: Path) -> None:
 
 def _lost(graph: Graph) -> list[str]:
     """Return the losses that the nodes report."""
-    found = []
+    losses = []
     for name, status in graph.status.items():
         for key in ("samples lost", "windows dropped", "lost messages", "dropped messages"):
             if int(float(status.values.get(key, "0"))):
-                found.append(f"{name}: {key} {status.values[key]}")
-    return found
+                losses.append(f"{name}: {key} {status.values[key]}")
+    return losses
 
 
 def sample_of(name: str, pid: int, minute: float) -> Sample:
@@ -182,14 +182,14 @@ def shared_bytes(pids: Iterable[int]) -> int:
 
 def growth_of(samples: list[Sample], settled_min: float) -> Growth:
     """Return the growth of a process after a settling time [min]."""
-    judged = [one for one in samples if one.minute >= settled_min]
-    minutes = np.array([one.minute for one in judged])
-    memory = np.array([one.memory_mb for one in judged])
+    judged = [entry for entry in samples if entry.minute >= settled_min]
+    minutes = np.array([entry.minute for entry in judged])
+    memory = np.array([entry.memory_mb for entry in judged])
     slope, sigma = line(minutes, memory)
     third = max(1, len(judged) // 3)
     counts = [
-        max(getattr(one, key) for one in judged[-third:])
-        - max(getattr(one, key) for one in judged[:third])
+        max(getattr(entry, key) for entry in judged[-third:])
+        - max(getattr(entry, key) for entry in judged[:third])
         for key in ("threads", "descriptors")
     ]
     return Growth(float(memory[-1]), slope, sigma, *counts)

@@ -27,8 +27,8 @@ DAY_S = 86_400.0
 
 
 def telemetry(faults: dict[str, float], day: float, **options: Any) -> Telemetry:
-    found = simulate(faults, current_noise=0.02, **options)
-    return replace(found, stamp_ns=found.stamp_ns + round((1e9 + DAY_S * day) * 1e9))
+    recorded = simulate(faults, current_noise=0.02, **options)
+    return replace(recorded, stamp_ns=recorded.stamp_ns + round((1e9 + DAY_S * day) * 1e9))
 
 
 def write(path: Path, *parts: tuple[ActuatorDescription, Telemetry]) -> None:
@@ -88,16 +88,16 @@ def test_failure_after_good_tests_leads(opened: Path):
 
 @pytest.mark.slow
 def test_each_window_is_of_the_unit_that_was_described_then(tmp_path: Path):
-    other = replace(FLAP, serial_number="OLD-A")
+    old_unit = replace(FLAP, serial_number="OLD-A")
     faults = {"friction": 0.45, "short_circuit_a": 0.4}
     write(
         tmp_path / "bags" / "mixed.mcap",
         (FLAP, telemetry(faults, 0.0)),
-        (other, telemetry({}, 1.0)),
+        (old_unit, telemetry({}, 1.0)),
     )
     rows = asked(archived(tmp_path / "bags"), "select serial_number, friction from estimates")
-    found = {row["serial_number"]: row["friction"] for row in rows}
-    assert found[FLAP.serial_number] == pytest.approx(0.45, abs=0.02)
+    friction = {row["serial_number"]: row["friction"] for row in rows}
+    assert friction[FLAP.serial_number] == pytest.approx(0.45, abs=0.02)
 
 
 @pytest.mark.slow

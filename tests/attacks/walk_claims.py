@@ -376,17 +376,17 @@ class Claimed(Walk):
     def _read_command(self, name: str) -> None:
         """Check that a command reports the level of the newest test."""
         tests = self.reported[name]
-        stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
+        stamped = (StampedTest(test.start_ns, test.end_ns, "bag", "bag") for test in tests)
         if unordered(stamped):
             return  # it is refused
-        ordered = sorted(tests, key=lambda one: one.end_ns)
+        ordered = sorted(tests, key=lambda test: test.end_ns)
         settings = replace(_SETTINGS[name], good_for_s=0.0)
         follow = Unit(History(name, "1"), settings).follow(ordered, None, settings)
         levels = [outlook.health.level for _, outlook in follow if outlook]
         if tests and not _is_good(tests[-1]):
             assert levels[-1] != OK, "a command says OK"
-        latest = [one for one in ordered if one.valid][-3:]
-        if latest and all(one.unobservable[BACKLASH] for one in latest):
+        latest = [test for test in ordered if test.valid][-3:]
+        if latest and all(test.unobservable[BACKLASH] for test in latest):
             assert levels[-1] != OK, "a command says OK of tests that hide a fault"
         self._read_report(name, ordered, levels)
 
@@ -396,9 +396,9 @@ class Claimed(Walk):
         record = UnitRecord(description, [], [], [], [])
         settings = replace(_SETTINGS[name], good_for_s=0.0)
         unit = Unit(History(name, "1"), settings)
-        steps = [Step(*one) for one in unit.follow(tests, None, settings)]
-        given = SimpleNamespace(costs=None)
-        course = Course(record, cast(Any, given), Calibration.builtin(), steps, unit.growth)
+        steps = [Step(*step) for step in unit.follow(tests, None, settings)]
+        predicting = SimpleNamespace(costs=None)
+        course = Course(record, cast(Any, predicting), Calibration.builtin(), steps, unit.growth)
         verdict = verdict_of(course)
         expected = levels[-1] if levels else STALE
         assert verdict.level == expected, "the report has another level than the command"
@@ -407,7 +407,7 @@ class Claimed(Walk):
     def _read_archive(self, name: str) -> None:
         tests = self.reported[name]
         made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
-        rows = [estimate_row(one, number) | made for number, one in enumerate(tests)]
+        rows = [estimate_row(test, number) | made for number, test in enumerate(tests)]
         result = follow_unit(
             UnitTask(
                 UnitEntry(name, name, "1", "", ""),
@@ -420,7 +420,7 @@ class Claimed(Walk):
             )
         )
         [level] = result.tables["units"]["level"].to_pylist()
-        stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
+        stamped = (StampedTest(test.start_ns, test.end_ns, "bag", "bag") for test in tests)
         if not tests or unordered(stamped) or not _is_good(tests[-1]):
             assert level != OK, "an archive says OK"
 

@@ -121,11 +121,11 @@ class Queue(Walk):
     def close(self) -> None:
         """Close the queue, which must return all waiting segments in order."""
         left = self.queue.close()
-        found: dict[str, list[int]] = {name: [] for name in _UNITS}
+        returned: dict[str, list[int]] = {name: [] for name in _UNITS}
         for item in left:
-            found[item.description.actuator_id].append(item.number)
+            returned[item.description.actuator_id].append(item.number)
             self.answers[item.number] += 1
-        assert found == self.waiting, "what waited is not what was given back"
+        assert returned == self.waiting, "what waited is not what was given back"
         self.waiting = {name: [] for name in _UNITS}
 
     @invariant()
@@ -135,5 +135,5 @@ class Queue(Walk):
         assert all(count == 1 for count in self.answers.values()), "a window was answered twice"
         assert len(self.queue) == sum(number in self.whole for number in waiting)
         if not self.queue.is_closed:
-            known = {*waiting, *self.answers, *self.gone}
-            assert known == set(range(self.number)), "a window is neither answered nor gone"
+            accounted = {*waiting, *self.answers, *self.gone}
+            assert accounted == set(range(self.number)), "a window is neither answered nor gone"

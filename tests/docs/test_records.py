@@ -27,7 +27,7 @@ REPORTS = {
 
 
 def names_of(message: str) -> list[str]:
-    return [one.name for one in RECORDS["message_fields"](message)]
+    return [field.name for field in RECORDS["message_fields"](message)]
 
 
 def test_page_is_up_to_date():
@@ -36,10 +36,10 @@ def test_page_is_up_to_date():
 
 
 def test_estimate_has_the_names_of_its_message():
-    own = {item.name for item in fields(Estimate)}
+    names = {item.name for item in fields(Estimate)}
     represented = RECORDS["REPRESENTED"]
-    assert set(represented) | set(RECORDS["JSON_ALONE"]) <= own
-    expected = {represented.get(name, name) for name in own - set(RECORDS["JSON_ALONE"])}
+    assert set(represented) | set(RECORDS["JSON_ALONE"]) <= names
+    expected = {represented.get(name, name) for name in names - set(RECORDS["JSON_ALONE"])}
     assert expected | {*RECORDS["UNIT"], *RECORDS["MESSAGE_ALONE"]} == set(
         names_of("FaultEstimate")
     )
@@ -51,12 +51,12 @@ def test_json_of_an_estimate_has_its_fields_and_their_reason():
 
 
 def test_table_of_estimates_has_the_fields_of_an_estimate():
-    own = {item.name for item in fields(Estimate)} - {"faults"} | {"reason"}
+    names = {item.name for item in fields(Estimate)} - {"faults"} | {"reason"}
     columns = set(BAG_TABLES["estimates"].names)
-    assert own <= columns
+    assert names <= columns
     sigmas = {f"{name}_sigma" for name in FAULT_NAMES}
     of_unit = {"actuator_id", "serial_number", "tested", "number", "bag", "bag_sha256"}
-    assert columns - own == {*FAULT_NAMES, *sigmas, *of_unit, "software", "settings"}
+    assert columns - names == {*FAULT_NAMES, *sigmas, *of_unit, "software", "settings"}
 
 
 @pytest.mark.parametrize("message", REPORTS)

@@ -51,7 +51,7 @@ class Snippet(NamedTuple):
 def snippets(document: Path, kind: str, *, with_long: bool = False) -> list[Snippet]:
     """Return the blocks of a kind that run, each with the output that the document shows."""
     text = document.read_text(encoding="utf-8")
-    found: list[Snippet] = []
+    blocks: list[Snippet] = []
     is_run = False
     for match in BLOCK.finditer(text):
         if match["kind"] != "text":
@@ -59,10 +59,10 @@ def snippets(document: Path, kind: str, *, with_long: bool = False) -> list[Snip
             is_run = match["kind"] == kind and (match["mark"] is None or (with_long and is_long))
             if is_run:
                 line = text.count("\n", 0, match.start()) + 1
-                found.append(Snippet(line, kind, match["text"], ""))
+                blocks.append(Snippet(line, kind, match["text"], ""))
         elif is_run:
-            found[-1] = found[-1]._replace(output=match["text"])
-    return found
+            blocks[-1] = blocks[-1]._replace(output=match["text"])
+    return blocks
 
 
 def assert_shown(snippet: Snippet, output: str) -> None:
@@ -130,15 +130,15 @@ def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, n
 @pytest.mark.parametrize("name", ["docs/first-diagnosis.md", "docs/plan-a-test.md"])
 def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema, name):
     """They run with the commands before them, whose files they need."""
-    found = snippets(ROOT / name, "sh", with_long=True)
-    assert len(found) > len(snippets(ROOT / name, "sh"))
-    run_shell(name, found, quick_ema)
+    blocks = snippets(ROOT / name, "sh", with_long=True)
+    assert len(blocks) > len(snippets(ROOT / name, "sh"))
+    run_shell(name, blocks, quick_ema)
 
 
-def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
+def run_shell(name: str, blocks: list[Snippet], quick_ema: Path) -> None:
     """Run blocks in a shell one after the other, and compare their outputs."""
     environment = os.environ | {"PATH": f"{quick_ema}:{os.environ['PATH']}"}
-    for snippet in found:
+    for snippet in blocks:
         command = ["bash", "-euc", snippet.text]
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 0, f"{name}, line {snippet.line}: {done.stderr}"

@@ -18,7 +18,7 @@ def files_of(folder: Path, root: Path) -> list[Path]:
     """Return the test files that ``colcon test`` runs for a package."""
     paths = [root / "tests" / part for part in parts(folder)]
     return [
-        one for path in paths for one in ([path] if path.is_file() else path.rglob("test_*.py"))
+        file for path in paths for file in ([path] if path.is_file() else path.rglob("test_*.py"))
     ]
 
 
@@ -39,7 +39,7 @@ def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
     These are the package's tests, their conftest files, and the modules of ``tests`` that they
     import. Imports within a fixture count if a test requests the fixture.
     """
-    found: dict[str, set[str]] = {}
+    importers: dict[str, set[str]] = {}
     tests = files_of(folder, root)
     conftests = {parent / "conftest.py" for path in tests for parent in path.parents}
     files = [*tests, *(path for path in conftests if path.exists())]
@@ -50,7 +50,7 @@ def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
         for name in imported(path, nodes, root):
             package = name.partition(".")[0]
             if package in FOLDERS:
-                found.setdefault(package, set()).add(str(path.relative_to(root)))
+                importers.setdefault(package, set()).add(str(path.relative_to(root)))
             for module in (name, name.rpartition(".")[0]):
                 file = root.joinpath(*module.split(".")).with_suffix(".py")
                 if package == "tests" and file.exists():
@@ -63,32 +63,32 @@ def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
         seen.add(path)
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
         functions = [
-            one for one in nodes if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)
+            node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         ]
         lazy: set[ast.AST] = set()
-        for one in functions:
-            if any(".fixture" in ast.unparse(item) for item in one.decorator_list):
-                fixtures.append((path, one))
-                lazy |= set(ast.walk(one))
-            elif path in tests and one.name.startswith("test"):
-                requested |= {item.arg for item in one.args.args}
-        visit(path, [one for one in nodes if one not in lazy])
+        for node in functions:
+            if any(".fixture" in ast.unparse(item) for item in node.decorator_list):
+                fixtures.append((path, node))
+                lazy |= set(ast.walk(node))
+            elif path in tests and node.name.startswith("test"):
+                requested |= {item.arg for item in node.args.args}
+        visit(path, [node for node in nodes if node not in lazy])
         # All tests request an autouse fixture.
         wanted = [
-            (path, one)
-            for path, one in fixtures
-            if one.name in requested
-            or "autouse=True" in "".join(map(ast.unparse, one.decorator_list))
+            (path, node)
+            for path, node in fixtures
+            if node.name in requested
+            or "autouse=True" in "".join(map(ast.unparse, node.decorator_list))
         ]
         while wanted:
-            place, one = wanted.pop()
-            fixtures.remove((place, one))
-            requested |= {item.arg for item in one.args.args}
-            visit(place, list(ast.walk(one)))
+            place, node = wanted.pop()
+            fixtures.remove((place, node))
+            requested |= {item.arg for item in node.args.args}
+            visit(place, list(ast.walk(node)))
             wanted += [
                 item for item in fixtures if item[1].name in requested and item not in wanted
             ]
-    return found
+    return importers
 
 
 def declared(package: str, tags: set[str]) -> set[str]:
@@ -113,7 +113,7 @@ def test_each_declared_package_of_tests_is_imported(package: str):
 
 def test_dependencies_have_no_circle():
     left = {name: declared(name, TAGS) - {name} for name in FOLDERS}
-    while ready := [name for name, others in left.items() if not others & left.keys()]:
+    while ready := [name for name, needs in left.items() if not needs & left.keys()]:
         for name in ready:
             del left[name]
     assert left == {}

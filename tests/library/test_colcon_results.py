@@ -38,8 +38,8 @@ def test_tests_of_all_packages_pass(tmp_path: Path):
 
 @pytest.mark.parametrize("tests", [{}, {"ema_core": 0}])
 def test_package_without_tests_is_named(tmp_path: Path, tests: dict[str, int]):
-    others = dict.fromkeys(FOLDERS.keys() - {"ema_core"}, 1)
-    result = checked(colcon_results(tmp_path, others | tests))
+    counts = dict.fromkeys(FOLDERS.keys() - {"ema_core"}, 1)
+    result = checked(colcon_results(tmp_path, counts | tests))
     assert result.returncode == 1
     assert result.stderr.startswith("colcon test has run no test of ema_core: each of the 11 ")
 

@@ -86,7 +86,9 @@ def requirements(folder: Path) -> list[Requirement]:
     """Return the run-time requirements in a setup.cfg, including extras."""
     declared = read_configuration(folder / "setup.cfg")["options"]
     extras = [lines for name, lines in declared["extras_require"].items() if name != "test"]
-    return [Requirement(one) for every in (declared["install_requires"], *extras) for one in every]
+    return [
+        Requirement(line) for group in (declared["install_requires"], *extras) for line in group
+    ]
 
 
 def disagreements(folder: Path, workspace: str) -> set[str]:
@@ -99,11 +101,13 @@ def disagreements(folder: Path, workspace: str) -> set[str]:
         for name in modules - WITHOUT_KEY
     }
     installed = {line.partition(">")[0] for line in workspace.splitlines()}
-    others = {DISTRIBUTIONS.get(name, name) for name in imported if not name.startswith("ema_")}
+    distributions = {
+        DISTRIBUTIONS.get(name, name) for name in imported if not name.startswith("ema_")
+    }
     return {
         *(f"setup.cfg: {name}" for name in required ^ {DISTRIBUTIONS.get(n, n) for n in imported}),
         *(f"package.xml: {name}" for name in dependencies(folder) ^ keys),
-        *(f"workspace.txt: {name}" for name in others - installed),
+        *(f"workspace.txt: {name}" for name in distributions - installed),
     }
 
 

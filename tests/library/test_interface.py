@@ -28,8 +28,8 @@ TRUTH = {"friction": 0.25, "eccentricity": 0.1}
 
 @pytest.fixture(scope="module")
 def window() -> ema_monitor.Window:
-    [found] = ema_monitor.find_windows(ema_sim.simulate(TRUTH, seed=1))
-    return found
+    [recorded] = ema_monitor.find_windows(ema_sim.simulate(TRUTH, seed=1))
+    return recorded
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +58,9 @@ def test_estimates_make_a_table(estimate):
 
 
 def test_recorded_windows_are_those_of_the_bag():
-    found = read_windows(SAMPLE)
-    [window] = found.usable
-    assert str(found).splitlines()[1].endswith("usable")
+    recorded = read_windows(SAMPLE)
+    [window] = recorded.usable
+    assert str(recorded).splitlines()[1].endswith("usable")
     [again] = ema_monitor.find_windows(ema_bags.read_telemetry(SAMPLE))
     assert (again.start_ns, again.play) == (window.start_ns, window.play)
     np.testing.assert_array_equal(again.current, window.current)

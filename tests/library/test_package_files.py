@@ -78,8 +78,8 @@ A line.
 ## 1.0.0 (2026-01-01)
 
 - Elsewhere. <!-- repository -->
-- A page, the `ema_sim` of
-  which is next to it. <!-- ema_cli ema_dashboard -->
+- A page, with `ema_sim`
+  next to it. <!-- ema_cli ema_dashboard -->
 - An actuator whose page is elsewhere. <!-- ema_sim -->
 """
     releases = list(package_files._releases(text))
@@ -87,7 +87,7 @@ A line.
         *("Forthcoming", "-----------"),
         "* The ``page`` shows ``f(x)``\\ s of the fleet \\* 2.",
         *("", "1.0.0 (2026-01-01)", "------------------"),
-        "* A page, the ``ema_sim`` of which is next to it.",
+        "* A page, with ``ema_sim`` next to it.",
     ]
 
 

@@ -37,8 +37,8 @@ def test_no_other_file_uses_what_is_private():
 def test_numba_asks_a_vector_what_becomes_one(number: types.Type):
     context = Context()
     assert context.can_convert(number, VECTOR) == Conversion.safe
-    for other in (MASK, types.unicode_type, types.Array(types.float64, 1, "C")):
-        assert context.can_convert(other, VECTOR) is None
+    for kind in (MASK, types.unicode_type, types.Array(types.float64, 1, "C")):
+        assert context.can_convert(kind, VECTOR) is None
     assert context.can_convert(VECTOR, number) is None
 
 
@@ -49,8 +49,8 @@ def test_conversion_ranks_a_vector_after_the_number_itself():
 
 def test_sum_of_numbers_stays_one_and_is_converted_next_to_a_vector():
     @numba.njit
-    def sums(values, one, result):
-        number = one + 1
+    def sums(values, increment, result):
+        number = increment + 1
         store(result, 0, 0, load(values, 0) + number)
         return number
 

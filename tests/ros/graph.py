@@ -106,11 +106,11 @@ class Graph:
         """
         if (node or name) == "monitor":
             parameters = {"history_folder": "", **parameters}
-        given = {
+        texts = {
             key.replace("__", "."): str(value) if isinstance(value, Path) else value
             for key, value in parameters.items()
         }
-        words = [word for item in assignments_of(given) for word in ("-p", item)]
+        words = [word for item in assignments_of(texts) for word in ("-p", item)]
         words += [word for item in (*remaps, f"__ns:={NAMESPACE}") for word in ("-r", item)]
         self.start_other(name, [program(node or name), "--ros-args", *words])
 
@@ -195,8 +195,8 @@ class Graph:
 
     def says(self, status: str, text: str, since_s: float = 0.0) -> bool:
         """Return whether a status contains a text in its message and came after a time [s]."""
-        found = self.status.get(status)
-        return found is not None and found.came_s > since_s and text in found.message
+        latest = self.status.get(status)
+        return latest is not None and latest.came_s > since_s and text in latest.message
 
     def valid_since(self, since_s: float) -> list[FaultEstimate]:
         """Return the valid estimates that came after a time [s]."""

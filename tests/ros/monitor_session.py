@@ -199,15 +199,15 @@ def monitor(
     """
     # Fit them first: a health that is published before is published again.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
-    given = {
+    settings = {
         "history_folder": "memory",
         "history_max_offset_s": ANY_OFFSET_S,
         "expected_period_s": 1000.0,
         **(parameters or {}),
     }
     with (
-        closing(Domain()) as own,
-        probed(MonitorNode, MonitorSession, given, own.number) as session,
+        closing(Domain()) as domain,
+        probed(MonitorNode, MonitorSession, settings, domain.number) as session,
     ):
         if up:
             session.bring_up()

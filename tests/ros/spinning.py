@@ -156,10 +156,10 @@ class Probe:
     def until(self, condition: Callable[[], Any], timeout_s: float = DEADLINE_S) -> Any:
         """Wait until a condition is true, and return its value. Fail if a callback fails."""
         with self._changed:
-            found = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
+            has_come = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
         failures, self.failures = self.failures, []
         assert not failures, failures
-        assert found, "what was waited for did not come"
+        assert has_come, "what was waited for did not come"
         return condition()
 
     def statuses(self, task: str) -> list[DiagnosticStatus]:

@@ -231,11 +231,11 @@ def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_cloc
     wrong.friction = 1.5
     twice = [growth("gain", "linear", 0.1)] * 2
     with running(rate=4.0, block_s=0.04) as listener:
-        for faults, given, message in (
+        for faults, laws, message in (
             (wrong, [], "fault friction = 1.5 is outside [0, 1]"),
             (healthy, twice, "gain is specified more than once"),
         ):
-            request = SetSimulatedFaults.Request(faults=faults, growth=given, hours_per_cycle=1.0)
+            request = SetSimulatedFaults.Request(faults=faults, growth=laws, hours_per_cycle=1.0)
             response = listener.call(SetSimulatedFaults, "actuator/set_faults", request)
             assert not response.success
             assert message in response.message

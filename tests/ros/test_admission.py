@@ -29,12 +29,12 @@ def test_shard_of_an_actuator_is_the_same_for_ever():
 @pytest.mark.parametrize("count", [2, 4])
 def test_every_actuator_is_of_one_shard_and_shards_are_about_equal(count):
     shards = [Shard(index, count) for index in range(count)]
-    found = [[shard.has(name) for shard in shards].index(True) for name in NAMES]
+    owners = [[shard.has(name) for shard in shards].index(True) for name in NAMES]
     assert all(sum(shard.has(name) for shard in shards) == 1 for name in NAMES)
     # Binomial: one of 15,000 draws deviates by more than four standard deviations.
     mean = len(NAMES) / count
     sigma = (mean * (1.0 - 1.0 / count)) ** 0.5
-    assert all(abs(found.count(index) - mean) < 4.0 * sigma for index in range(count))
+    assert all(abs(owners.count(index) - mean) < 4.0 * sigma for index in range(count))
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
@@ -65,19 +65,19 @@ def test_listed_actuators_of_other_shards_are_stated_and_others_are_ignored():
     shard = Shard(0, 2)
     made = admission(NAMES[:6], shard)
     mine = list(made.listed)
-    others = [name for name in NAMES[:6] if name not in mine]
-    assert len(mine) == len(others)
+    theirs = [name for name in NAMES[:6] if name not in mine]
+    assert len(mine) == len(theirs)
     words = made.describe_list()
     assert words == (
-        f"listed actuators of shard 0 of 2: {', '.join(mine)}; of other shards: {', '.join(others)}"
+        f"listed actuators of shard 0 of 2: {', '.join(mine)}; of other shards: {', '.join(theirs)}"
     )
     assert not any(made.ignores(name) for name in mine)
-    assert all(made.ignores(name) for name in others)
+    assert all(made.ignores(name) for name in theirs)
     assert made.ignores(NAMES[6])
     assert "not listed" in made.why_not(NAMES[6])
-    assert made.why_not(others[0]) == "it belongs to shard 1, this monitor has shard 0 of 2"
+    assert made.why_not(theirs[0]) == "it belongs to shard 1, this monitor has shard 0 of 2"
     figures = made.figures(mine)
-    assert figures["messages of other shards"] == len(others)
+    assert figures["messages of other shards"] == len(theirs)
     assert figures["messages of unlisted actuators"] == 1
     # Neither is an error.
     assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")

@@ -126,11 +126,11 @@ class Session:
         assert self.bridge.bring_up()
         self.descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED)
         self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
-        other = graph.node("other")
+        robot = graph.node("other")
         # Best effort, like sensors: the bridge requests no more than a publisher offers.
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.states = other.create_publisher(JointState, STATES, best_effort)
-        self.commands: Any = other.create_publisher(Float64, "/command", 10)
+        self.states = robot.create_publisher(JointState, STATES, best_effort)
+        self.commands: Any = robot.create_publisher(Float64, "/command", 10)
         self.joint = "flap_joint"
         self._time_s, self.step_s = 0.0, 1e-3
 

@@ -94,12 +94,12 @@ def load(name: str) -> list[Any]:
     return runpy.run_path(str(SHARE / "launch" / name))["generate_launch_description"]()
 
 
-def actions_of(name: str, **given: str) -> list[dict[str, Any]]:
+def actions_of(name: str, **arguments: str) -> list[dict[str, Any]]:
     """Return the actions of a launch file with the given arguments."""
     actions = load(name)
     defaults = {item.name: item.default for item in actions if isinstance(item, Argument)}
-    context = Context(defaults | given)
-    context.argv = tuple(f"{key}:={value}" for key, value in given.items())
+    context = Context(defaults | arguments)
+    context.argv = tuple(f"{key}:={value}" for key, value in arguments.items())
     return [
         {key: resolve(value, context) for key, value in started.items()}
         | {"parameters": [resolve(item, context) for item in started.get("parameters", ())]}
@@ -109,9 +109,9 @@ def actions_of(name: str, **given: str) -> list[dict[str, Any]]:
     ]
 
 
-def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
+def nodes_of(name: str, **arguments: str) -> dict[str, dict[str, Any]]:
     """Return the nodes of a launch file by name, with the namespace if the name is not unique."""
-    nodes = [item for item in actions_of(name, **given) if "package" in item]
+    nodes = [item for item in actions_of(name, **arguments) if "package" in item]
     names = [item["name"] for item in nodes]
     keys = [
         f"{n['namespace']}/{n['name']}" if names.count(n["name"]) > 1 else n["name"] for n in nodes
@@ -119,7 +119,7 @@ def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
     return dict(zip(keys, nodes, strict=True))
 
 
-def own_of(node: dict[str, Any]) -> dict[str, Any]:
+def overrides_of(node: dict[str, Any]) -> dict[str, Any]:
     """Return the parameters of a node that override its parameter file, without ``autostart``."""
     return {name: value for name, value in node["parameters"][-1].items() if name != "autostart"}
 
@@ -136,26 +136,26 @@ LAUNCH_FILES = {
 
 
 @pytest.mark.usefixtures("launch_modules")
-@pytest.mark.parametrize(("name", "given"), LAUNCH_FILES.items())
-def test_launch_file_names_nodes_and_files_that_exist(name, given):
-    nodes = nodes_of(name, **given)
+@pytest.mark.parametrize(("name", "arguments"), LAUNCH_FILES.items())
+def test_launch_file_names_nodes_and_files_that_exist(name, arguments):
+    nodes = nodes_of(name, **arguments)
     assert nodes
     for node in nodes.values():
         node_name = node["name"]
         assert (node["package"], node["executable"]) == NODES[node_name]
         assert Path(get_package_prefix(node["package"]), "lib", node["package"]).is_dir()
         assert program(node_name).is_file()
-        file, *further, own = node["parameters"]
+        file, *further, parameters = node["parameters"]
         assert Path(file) == parameter_file(node_name)
         assert all(Path(item).is_file() for item in further)
         assert node["namespace"] in ("/ema", "/ema/left", "/ema/right")
-        undeclared = set(own) - set(declared(node_name)) - {"use_sim_time"}
+        undeclared = set(parameters) - set(declared(node_name)) - {"use_sim_time"}
         assert undeclared == set()
 
 
 @pytest.mark.usefixtures("launch_modules")
-@pytest.mark.parametrize(("name", "given"), LAUNCH_FILES.items())
-def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, given, monkeypatch):
+@pytest.mark.parametrize(("name", "values"), LAUNCH_FILES.items())
+def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, values, monkeypatch):
     arguments = [item for item in load(name) if isinstance(item, Argument)]
     assert [item.name for item in arguments if not item.description] == []
     # All arguments have a default, except the bag to replay.
@@ -167,18 +167,18 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
     assert all(file.is_file() for file in files)
     assert not any("parameter file" in (item.default or "") for item in arguments)
     common = {"log_level": "debug", "respawn": "true", "autostart": "false", "use_sim_time": "true"}
-    for node in nodes_of(name, **given, **common).values():
+    for node in nodes_of(name, **values, **common).values():
         enclave = f"{node['namespace']}/{node['name']}"
         assert node["ros_arguments"] == ["--log-level", "debug", "--enclave", enclave]
         assert node["respawn"] == (node["name"] not in ("recorder", "player"))
         assert node["parameters"][-1]["autostart"] is False
         assert node["parameters"][-1]["use_sim_time"] is True
     with pytest.raises(RuntimeError, match="respawn:=maybe: expected true or false"):
-        nodes_of(name, **given, respawn="maybe")
+        nodes_of(name, **values, respawn="maybe")
     names = {item.name for item in arguments}
     of_monitor = {"history_folder", "calibration_file", "monitor_params"}
     assert names & of_monitor == (set() if name == "robot.launch.py" else of_monitor)
-    wrong = {**given, "respwn": "true"}
+    wrong = {**values, "respwn": "true"}
     nodes_of(name, **wrong)  # if another file includes this one, the argument may be for that file
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
     with pytest.raises(RuntimeError, match=r"has no argument respwn; arguments: .*respawn"):
@@ -191,13 +191,13 @@ def test_rosbag2_receives_the_quality_of_service_of_each_topic_with_a_depth_that
     reported = yaml.safe_load(file.read_text(encoding="utf-8"))
     assert set(reported) == {f"/ema/{name}" for name in offered}
     for name, (_, qos) in offered.items():
-        given = reported[f"/ema/{name}"]
+        policies = reported[f"/ema/{name}"]
         # ros2bag reads the short keys of the policies.
         read = QoSProfile(
-            history=HistoryPolicy.get_from_short_key(given["history"]),
-            depth=given["depth"],
-            reliability=ReliabilityPolicy.get_from_short_key(given["reliability"]),
-            durability=DurabilityPolicy.get_from_short_key(given["durability"]),
+            history=HistoryPolicy.get_from_short_key(policies["history"]),
+            depth=policies["depth"],
+            reliability=ReliabilityPolicy.get_from_short_key(policies["reliability"]),
+            durability=DurabilityPolicy.get_from_short_key(policies["durability"]),
         )
         assert (read.reliability, read.durability) == (qos.reliability, qos.durability), name
         assert read.depth >= max(qos.depth, 1000)
@@ -213,7 +213,7 @@ FOUR = {"bag": "4711", "rate": "4"}
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize(
-    ("file", "given", "node", "own"),
+    ("file", "arguments", "node", "expected"),
     [
         ("ema", {"bag": "worn"}, "recorder", {"output": "worn"}),
         ("replay", FOUR, "monitor", {"use_sim_time": True}),
@@ -234,13 +234,13 @@ FOUR = {"bag": "4711", "rate": "4"}
         ),
     ],
 )
-def test_arguments_become_parameters(file: str, given: dict, node: str, own: dict):
-    assert own_of(nodes_of(f"{file}.launch.py", **given)[node]) == own
+def test_arguments_become_parameters(file: str, arguments: dict, node: str, expected: dict):
+    assert overrides_of(nodes_of(f"{file}.launch.py", **arguments)[node]) == expected
 
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize(
-    ("file", "given", "reported"),
+    ("file", "arguments", "reported"),
     [
         ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: no such"),
         ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
@@ -250,9 +250,9 @@ def test_arguments_become_parameters(file: str, given: dict, node: str, own: dic
         ("replay", {"bag": "worn", "rate": "fast"}, "rate:=fast: expected a number"),
     ],
 )
-def test_impossible_argument_is_refused_by_name(file: str, given: dict, reported: str):
+def test_impossible_argument_is_refused_by_name(file: str, arguments: dict, reported: str):
     with pytest.raises(RuntimeError, match=reported):
-        nodes_of(f"{file}.launch.py", **given)
+        nodes_of(f"{file}.launch.py", **arguments)
 
 
 @pytest.mark.usefixtures("launch_modules")
@@ -264,17 +264,17 @@ def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
 
 @pytest.mark.usefixtures("launch_modules")
 def test_parameter_file_may_be_another_one(tmp_path):
-    own = str(tmp_path / "own.yaml")
-    Path(own).touch()
-    nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params=own)
-    assert nodes["actuator"]["parameters"][0] == own
+    file = str(tmp_path / "own.yaml")
+    Path(file).touch()
+    nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params=file)
+    assert nodes["actuator"]["parameters"][0] == file
     assert {node["namespace"] for node in nodes.values()} == {"/left"}
 
 
 @pytest.mark.usefixtures("launch_modules")
 def test_fleet_is_actuators_on_the_topics_of_one_monitor():
     nodes = nodes_of("fleet.launch.py", calibration_file="/c/{actuator_id}.yaml")
-    assert own_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
+    assert overrides_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
     remapped = dict(nodes["/ema/left/actuator"]["remappings"])
     assert remapped["telemetry"] == "/ema/telemetry"
     assert set(remapped) == set(ACTUATOR_TOPICS)
@@ -290,21 +290,21 @@ def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each
     monkeypatch.setattr(
         atexit, "register", lambda *call, **options: at_exit.append((call, options))
     )
-    own = tmp_path / "own.yaml"
-    own.write_text(SHARED_FILE)
-    nodes = nodes_of(name, monitors="2", monitor_params=str(own), history_folder="kept")
+    file = tmp_path / "own.yaml"
+    file.write_text(SHARED_FILE)
+    nodes = nodes_of(name, monitors="2", monitor_params=str(file), history_folder="kept")
     first, second = (nodes[f"monitor_{index}"] for index in range(2))
     shared = {"history_folder": "kept", "shard.count": 2}
     if name == "fleet.launch.py":
         shared["actuators"] = ["left", "right"]
-    assert own_of(first) == {**shared, "shard.index": 0}
-    assert own_of(second) == {**shared, "shard.index": 1}
+    assert overrides_of(first) == {**shared, "shard.index": 0}
+    assert overrides_of(second) == {**shared, "shard.index": 1}
     assert first["executable"] == second["executable"] == "monitor_node"
     for node, budget in ((first, 700), (second, 900)):
         arguments = ["--ros-args", "--params-file", str(node["parameters"][0])]
         arguments += ["-r", "__ns:=/ema", "-r", f"__node:={node['name']}"]
-        values, given = started("monitor", *arguments)
-        assert given - values.keys() == set()
+        values, overrides = started("monitor", *arguments)
+        assert overrides - values.keys() == set()
         assert (values["budget"], values["limits.gain"], values["window_s"]) == (budget, 0.2, 0.4)
     for (remove, *arguments), options in at_exit:
         remove(*arguments, **options)
@@ -351,12 +351,12 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
 
 
 def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tmp_path):
-    own = tmp_path / "own.yaml"
-    own.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
+    file = tmp_path / "own.yaml"
+    file.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
     simulated = parameter_file("simulated")
-    for files, folder in (([simulated], "memory"), ([simulated, own], "kept")):
-        values, given = started("monitor", *ros_arguments("monitor", parameter_files=files))
-        assert given - values.keys() == set()
+    for files, folder in (([simulated], "memory"), ([simulated, file], "kept")):
+        values, overrides = started("monitor", *ros_arguments("monitor", parameter_files=files))
+        assert overrides - values.keys() == set()
         assert values["history_folder"] == folder
     arguments = ros_arguments(
         "monitor", parameter_files=[simulated], assignments=["history_folder:=kept"]
@@ -382,9 +382,9 @@ def started(node_name: str, *arguments: str) -> Any:
     with ros_context(arguments=list(arguments)) as context:
         node = node_class(node_name)(context=context)
         values = {name: item.value for name, item in node._parameters.items()}
-        given = set(parameter_overrides(node))
+        overrides = set(parameter_overrides(node))
         node.destroy_node()
-    return values, given
+    return values, overrides
 
 
 @cache
@@ -394,16 +394,16 @@ def declared(node_name: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("node_name", NODES)
 def test_parameter_file_names_declared_parameters_at_their_defaults(node_name):
-    values, given = started(node_name, *ros_arguments(node_name))
-    assert given
-    assert given - values.keys() == set()
+    values, overrides = started(node_name, *ros_arguments(node_name))
+    assert overrides
+    assert overrides - values.keys() == set()
     assert values == declared(node_name)
 
 
 def test_demo_makes_the_actuator_wear_out():
     files = [parameter_file("demo")]
-    values, given = started("actuator", *ros_arguments("actuator", parameter_files=files))
-    assert given - values.keys() == set()
+    values, overrides = started("actuator", *ros_arguments("actuator", parameter_files=files))
+    assert overrides - values.keys() == set()
     assert values["growth.friction.law"] == "exponential"
     # The seed of the demo overrides the seed of the default file.
     assert (declared("actuator")["seed"], values["seed"]) == (0, 1)
@@ -411,8 +411,8 @@ def test_demo_makes_the_actuator_wear_out():
 
 def test_demo_makes_two_joints_of_the_robot_wear():
     files = [parameter_file("demo_robot")]
-    values, given = started("robot", *ros_arguments("robot", parameter_files=files))
-    assert given - values.keys() == set()
+    values, overrides = started("robot", *ros_arguments("robot", parameter_files=files))
+    assert overrides - values.keys() == set()
     wear = {name: value for name, value in values.items() if name.startswith("wear.") and value}
     assert wear == {"wear.elbow": 0.03, "wear.wrist_2": 0.015}
 
@@ -420,8 +420,8 @@ def test_demo_makes_two_joints_of_the_robot_wear():
 def test_aggregator_sorts_every_status_and_leaves_none_over():
     [node] = yaml.safe_load(parameter_file("aggregator").read_text()).values()
     analyzers = node["ros__parameters"]["ema"]["analyzers"]
-    patterns = {name: one["regex"] for name, one in analyzers.items()}
-    found = {
+    patterns = {name: analyzer["regex"] for name, analyzer in analyzers.items()}
+    groups = {
         status: [
             name
             for name, regexes in patterns.items()
@@ -432,4 +432,4 @@ def test_aggregator_sorts_every_status_and_leaves_none_over():
             *("monitor_1: lifecycle", "recorder: recording", "left/actuator: simulation"),
         )
     }
-    assert list(found.values()) == [*[["actuators"]] * 3, *[["nodes"]] * 3]
+    assert list(groups.values()) == [*[["actuators"]] * 3, *[["nodes"]] * 3]

@@ -86,9 +86,9 @@ def test_second_goal_for_an_actuator_is_rejected_by_its_name(session: MonitorSes
     assert rejections(session) == reason
     request = srv.Calibrate.Request(actuator_id="left")
     assert session.call(srv.Calibrate, "/ema/monitor/calibrate", request).message == reason
-    other = calibrate(session, actuator_id="flap", windows=1)
+    second = calibrate(session, actuator_id="flap", windows=1)
     session.feed(Source().cycle())
-    assert other.result()[1].success
+    assert second.result()[1].success
     first.cancel()
     assert first.result()[0] == GoalStatus.STATUS_CANCELED
 

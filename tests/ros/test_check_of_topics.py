@@ -101,9 +101,9 @@ def test_topic_without_a_publisher_or_message_is_refused(ema, context):
         silent = ema("check", "/joint_states", "--seconds", "0.5")
         assert silent.exit_code == 1
         assert "is published, but no message arrived in 0.5 s" in silent.stderr
-        other = ema("check", "/oil")
-        assert other.exit_code == 1
-        assert "has type sensor_msgs/msg/Temperature: expected one of" in other.stderr
+        temperature = ema("check", "/oil")
+        assert temperature.exit_code == 1
+        assert "has type sensor_msgs/msg/Temperature: expected one of" in temperature.stderr
         nowhere = ema("check", "/nowhere")
         assert "published topics with joints: /joint_states" in nowhere.stderr
     finally:

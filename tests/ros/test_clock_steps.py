@@ -117,6 +117,6 @@ def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behi
 
 def test_simulated_time_alone_ends_claims_of_simulated_time():
     health = Health(level=OK, good_until=stamp_to_message(30 * S), measured=stamp_to_message(0))
-    one = Received.at(health, 0, 100.0)
-    assert one.ended_s(10 * S, 1000.0, is_real=False) < 0.0 < one.ended_s(10 * S, 1000.0)
-    assert one.ended_s(31 * S, 100.1, is_real=False) == pytest.approx(1.0)
+    received = Received.at(health, 0, 100.0)
+    assert received.ended_s(10 * S, 1000.0, is_real=False) < 0.0 < received.ended_s(10 * S, 1000.0)
+    assert received.ended_s(31 * S, 100.1, is_real=False) == pytest.approx(1.0)

@@ -22,7 +22,7 @@ VALUES = (0.0, 1e308, -1e308, 5e-324, math.inf, math.nan)
 
 
 def hostile(rng: random.Random) -> TelemetryBlock:
-    """Return a block with random fields, each of which is possible in a message."""
+    """Return a block with random fields; each field alone is possible in a message."""
     message = TelemetryBlock(actuator_id=rng.choice([FLAP.actuator_id] * 8 + ["", "a" * 999, "x"]))
     message.header.stamp.sec = rng.choice(STAMPS)
     message.header.stamp.nanosec = rng.choice(NANOSECONDS)
@@ -30,9 +30,9 @@ def hostile(rng: random.Random) -> TelemetryBlock:
     message.sample_period = rng.choice(PERIODS if rng.random() < 0.5 else PERIODS[:1])
     length = rng.choice([0, 1, 2, 100])
     for name in ("command", "current", "position", "speed"):
-        own = length if rng.random() < 0.9 else rng.randrange(5)
+        samples = length if rng.random() < 0.9 else rng.randrange(5)
         fill = rng.choice(VALUES) if rng.random() < 0.3 else 0.0
-        getattr(message, name).extend(rng.gauss(0.0, 1e-3) + fill for _ in range(own))
+        getattr(message, name).extend(rng.gauss(0.0, 1e-3) + fill for _ in range(samples))
     return message
 
 
@@ -52,7 +52,9 @@ def test_hostile_telemetry_makes_no_traceback_and_harms_no_later_window(
         seen = len(session.estimates())
         session.set_parameters(windows="test_cycle", window_s=0.5, rest_s=0.02)
         session.feed(source.cycle())
-        session.until(lambda: [one for one in session.estimates()[seen:] if one.valid])
+        session.until(
+            lambda: [estimate for estimate in session.estimates()[seen:] if estimate.valid]
+        )
     text = "".join(capfd.readouterr())
     assert "Traceback" not in text
     assert "failed" not in text

@@ -71,9 +71,9 @@ class Published:
         with self._changed:
             assert self._changed.wait_for(condition, DEADLINE_S), self.estimates
 
-    def _note(self, reported: list[Any], one: Any) -> None:
+    def _note(self, reported: list[Any], result: Any) -> None:
         with self._changed:
-            reported.append(one)
+            reported.append(result)
             self._changed.notify_all()
 
     def report_end(self, text: str, trace: str) -> None:
@@ -83,9 +83,9 @@ class Published:
         self.report_end(f"{where}: {what}", repr(error))
         return f"{what} failed: {error!r}"
 
-    def publish(self, found: Diagnosed, window: Any = None) -> None:
+    def publish(self, diagnosed: Diagnosed, window: Any = None) -> None:
         self.hold()
-        self._note(self.estimates, (found.number, found.estimate.reason))
+        self._note(self.estimates, (diagnosed.number, diagnosed.estimate.reason))
 
 
 @pytest.fixture

@@ -62,8 +62,8 @@ def test_node_and_monitor_give_a_unit_the_same_tests():
         live = session.node.histories.of(FLAP)
         wait_for(lambda: len(live.history.entries) == CYCLES, "the history")
         entries = live.history.entries
-        for one, other in zip(entries, alone.unit.history.entries, strict=True):
-            assert one.count is not None
-            assert one.flown.hours > 0.0
-            assert one.flown.winding[1].sum() > 0.0
-            np.testing.assert_equal(plain(one), plain(other))
+        for node_entry, monitor_entry in zip(entries, alone.unit.history.entries, strict=True):
+            assert node_entry.count is not None
+            assert node_entry.flown.hours > 0.0
+            assert node_entry.flown.winding[1].sum() > 0.0
+            np.testing.assert_equal(plain(node_entry), plain(monitor_entry))

@@ -35,14 +35,14 @@ def test_program_that_is_interrupted_while_it_imports_ends_without_a_traceback(n
 def test_each_node_goes_round_twice(graph: Spinning, tmp_path: Path, capfd: Any, name: str):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(JOINT_STATE))
-    own: dict[str, Any] = {
+    parameters: dict[str, Any] = {
         "bridge": {"mapping_file": str(mapping)},
         "monitor": {"history_folder": str(tmp_path / "history")},
         "player": {"bag": str(SAMPLE), "stay": True},
         "recorder": {"output": str(tmp_path / "bag"), "overwrite": True},
         "dashboard": {"port": 0},
     }
-    node = graph.managed(cast(Any, node_class(name)), **own.get(name, {}))
+    node = graph.managed(cast(Any, node_class(name)), **parameters.get(name, {}))
     for trigger, state in [
         *((node.trigger_configure, "inactive"), (node.trigger_activate, "active")),
         *((node.trigger_deactivate, "inactive"), (node.trigger_activate, "active")),

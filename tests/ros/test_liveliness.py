@@ -111,11 +111,11 @@ def test_of_several_monitors_the_one_that_is_killed_is_silent(graph: Spinning, s
 def test_player_speaks_for_every_monitor_while_it_plays(graph: Spinning):
     liveliness = listening(graph)
     monitor, player = graph.node("monitor"), graph.node("player")
-    own = monitor.create_publisher(Health, HEALTH, ALIVE)
+    published = monitor.create_publisher(Health, HEALTH, ALIVE)
     played = player.create_publisher(Health, HEALTH, ALIVE)
     state = player.create_publisher(PlaybackState, "playback_state", LATCHED)
     until_seen(liveliness, FIRST, "/ema/player")
-    monitor.destroy_publisher(own)
+    monitor.destroy_publisher(published)
     wait_for(lambda: FIRST not in liveliness._present, "the end of the monitor")
     assert not liveliness.is_silent(FIRST)
     player.destroy_publisher(state)

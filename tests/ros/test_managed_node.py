@@ -122,14 +122,14 @@ def test_status_is_reported_in_every_state(graph: Spinning):
         (node.trigger_cleanup, "unconfigured", WARN),
     ):
         assert trigger() == SUCCESS
-        status = until("lifecycle", lambda one, state=state: one.message == state)
+        status = until("lifecycle", lambda item, state=state: item.message == state)
         assert (status.level[0], status.hardware_id) == (level, "/ema/recorded")
         of_peers = OK if state == "active" else STALE
-        until("peers", lambda one, level=of_peers: one.level[0] == level)
+        until("peers", lambda item, level=of_peers: item.level[0] == level)
         if state == "inactive":
-            until("work", lambda one: (one.level[0], one.message) == (STALE, "inactive: at it"))
+            until("work", lambda item: (item.level[0], item.message) == (STALE, "inactive: at it"))
         if state == "active":
-            work = until("work", lambda one: one.level[0] == OK)
+            work = until("work", lambda item: item.level[0] == OK)
             assert (work.message, work.hardware_id) == ("at it", "unit 7")
             assert {item.key: item.value for item in work.values} == {
                 **{"lag [s]": "0.25", "count": "3"},

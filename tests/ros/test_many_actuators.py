@@ -30,11 +30,13 @@ def figure(session: MonitorSession, key: str) -> str:
 
 def reports(session: MonitorSession) -> list[set[str]]:
     """Return the tasks in each report with the telemetry of tab, but without ``lifecycle``."""
-    found = [
+    names_of_reports = [
         {status.name.removeprefix("/ema/monitor: ") for status in array.status}
         for array in session.received("/diagnostics")
     ]
-    return [names for names in found if "tab telemetry" in names and "lifecycle" not in names]
+    return [
+        names for names in names_of_reports if "tab telemetry" in names and "lifecycle" not in names
+    ]
 
 
 def get_history(session: MonitorSession, actuator_id: str, node: str = "monitor"):
@@ -87,27 +89,27 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
     common["history_max_offset_s"] = 1e10  # the stamps are long ago
     with monitor({**common, "shard.index": 0}) as session, ExitStack() as opened:
         overrides = [Parameter(k, value=v) for k, v in {**common, "shard.index": 1}.items()]
-        other = made(
+        second_node = made(
             MonitorNode,
             context=session.node.context,
             namespace="/ema",
             parameter_overrides=overrides,
             cli_args=["--ros-args", "-r", "__node:=monitor_1"],
         )
-        opened.callback(end, other)
+        opened.callback(end, second_node)
         executor = NodeExecutor(session.fail, context=session.node.context)
-        opened.enter_context(spinning(executor, other))
-        opened.callback(other.stopping.set)
-        assert other.bring_up()
+        opened.enter_context(spinning(executor, second_node))
+        opened.callback(second_node.stopping.set)
+        assert second_node.bring_up()
         arrived = (topics.TELEMETRY, topics.DESCRIPTION)
-        wait_for_match(other, *(session._publishers[name] for name in arrived))
+        wait_for_match(second_node, *(session._publishers[name] for name in arrived))
         session.subscribe(Health, topics.HEALTH, topics.LATCHED_BY_MANY, key="all")
         for name in names:
             session.describe_from_a_node_of_its_own(described(name))
             session.feed(Source().cycle(), name)
         session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4
-        followed = [set(node.actuators) for node in (session.node, other)]
+        followed = [set(node.actuators) for node in (session.node, second_node)]
         assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
         # Each status comes from one node, and one node writes the file of a unit.
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}

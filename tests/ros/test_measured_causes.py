@@ -34,10 +34,10 @@ WARN = b"\x01"
 
 
 def measurement(
-    stamp_ns: int, value: float = LOAD, *, actuator_id: str = "flap", **given: Any
+    stamp_ns: int, value: float = LOAD, *, actuator_id: str = "flap", **fields: Any
 ) -> MeasuredCauses:
     """Return a message with a measured load; ``given`` replaces fields of the cause."""
-    values = {"name": "load_torque", "value": value, "sigma": SIGMA} | given
+    values = {"name": "load_torque", "value": value, "sigma": SIGMA} | fields
     message = MeasuredCauses(actuator_id=actuator_id, causes=[HiddenCause(**values)])
     message.header.stamp = stamp_to_message(stamp_ns)
     return message
@@ -90,14 +90,16 @@ def bag(tmp_path_factory, cycles, messages) -> Path:
 def offline(bag: Path) -> list[FaultEstimate]:
     """Estimates of `ema estimate`, as messages."""
     settings = TriggerSettings()
-    found = reading.read_windows(
+    windows = reading.read_windows(
         bag, reading.ReadingOptions(trigger=settings, measured_max_age_s=MAX_AGE_S)
     )
-    assert any("1 impossible measurement" in one and "cogging" in one for one in found.remarks)
-    estimates = Identifying().estimate(found.windows, Calibration.builtin())
+    assert any(
+        "1 impossible measurement" in remark and "cogging" in remark for remark in windows.remarks
+    )
+    estimates = Identifying().estimate(windows.windows, Calibration.builtin())
     return [
-        estimate_to_message(one, item.number, item.description)
-        for one, item in zip(estimates, found.windows, strict=True)
+        estimate_to_message(estimate, item.number, item.description)
+        for estimate, item in zip(estimates, windows.windows, strict=True)
     ]
 
 
@@ -114,24 +116,24 @@ def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
         session.send(topics.MEASURED_CAUSES, message)
     log = session.node.sources.measurements
     wait_for(lambda: len(log.at("flap", window_start(2))) == 2, "the measurements")
-    found = []
+    estimates = []
     for blocks in cycles:
         session.feed(blocks)
         # At most two windows wait.
-        found.append(session.next_estimate())
-    return found
+        estimates.append(session.next_estimate())
+    return estimates
 
 
 def loads(causes: Any) -> list[tuple[str, float, str]]:
-    return [(one.name, one.value, one.unit) for one in causes]
+    return [(cause.name, cause.value, cause.unit) for cause in causes]
 
 
 def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[FaultEstimate]):
-    known = ("load_torque", LOAD, "N.m")
-    assert [loads(one.measured) for one in live] == [
-        [known],
+    load = ("load_torque", LOAD, "N.m")
+    assert [loads(estimate.measured) for estimate in live] == [
+        [load],
         [],
-        [known, ("winding_temperature", 0.0, "K")],
+        [load, ("winding_temperature", 0.0, "K")],
     ]
     assert next(iter(live[0].measured)).sigma == SIGMA
     for number in (0, 2):
@@ -143,12 +145,12 @@ def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[Fa
 
 
 def test_bag_gives_the_estimates_of_the_monitor(live, offline):
-    for one, other in zip(live, offline, strict=True):
-        assert one.measured == other.measured
-        assert (one.causes, one.reason) == (other.causes, other.reason)
-        assert one.faults == other.faults
-        np.testing.assert_array_equal(one.covariance, other.covariance)
-        assert one.evaluations == other.evaluations
+    for estimate, expected in zip(live, offline, strict=True):
+        assert estimate.measured == expected.measured
+        assert (estimate.causes, estimate.reason) == (expected.causes, expected.reason)
+        assert estimate.faults == expected.faults
+        np.testing.assert_array_equal(estimate.covariance, expected.covariance)
+        assert estimate.evaluations == expected.evaluations
 
 
 WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {

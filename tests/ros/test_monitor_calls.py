@@ -94,9 +94,9 @@ def test_latest_window_is_identified_with_the_algorithm_of_choice(session: Monit
 
 def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
     _, result = Goal(session).result()
-    own, other = session.estimates()[0], result.estimate
-    own.computing_time = other.computing_time = 0.0
-    assert str(own) == str(other)
+    published, returned = session.estimates()[0], result.estimate
+    published.computing_time = returned.computing_time = 0.0
+    assert str(published) == str(returned)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
 
 def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
     file = f"{tmp_path}/{{actuator_id}}_{{serial_number}}.yaml"
-    own = tmp_path / "flap_SIM-0001.yaml"
+    own_file = tmp_path / "flap_SIM-0001.yaml"
     source = Source()
     settings = {"calibration_file": file, "calibration_folder": str(tmp_path)}
     with monitor(settings) as session:
@@ -205,7 +205,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         session.feed(source.cycle())
         refused = session.next_estimate()
         assert not refused.valid
-        assert all(text in refused.reason for text in ("no calibration", str(own)))
+        assert all(text in refused.reason for text in ("no calibration", str(own_file)))
         future = session.start(Calibrate, NAME, Calibrate.Request(windows=2))
         until_waited_for(session)
         blocks = source.cycle()
@@ -218,9 +218,9 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         session.feed(source.cycle())
         answer = session.result(future)
         assert answer.success, answer.message
-        assert str(own) in answer.message
+        assert str(own_file) in answer.message
         assert "not learned from the healthy windows: viscous friction" in answer.message
-        calibration = Calibration.load(own)
+        calibration = Calibration.load(own_file)
         assert answer.calibration_id == calibration.calibration_id
         assert (calibration.windows, calibration.serial_number) == (2, FLAP.serial_number)
         session.next_estimate()

@@ -154,7 +154,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
 
 
 def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path, capfd):
-    given = {"calibration_file": str(tmp_path / "flap.yaml"), "level_confirmations": 2}
+    settings = {"calibration_file": str(tmp_path / "flap.yaml"), "level_confirmations": 2}
     printed = ""
 
     def lines(text: str) -> list[str]:
@@ -162,7 +162,7 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
         printed += capfd.readouterr().err
         return [line for line in printed.splitlines() if "[INFO]" in line and text in line]
 
-    with monitor(given) as session:
+    with monitor(settings) as session:
         session.describe()
         calibrate = Calibrate.Request(windows=1)
         answer = session.start(Calibrate, "/ema/monitor/calibrate", calibrate)

@@ -97,8 +97,8 @@ def test_joint_without_effort_is_not_learning(tmp_path: Path):
 
 @pytest.mark.slow
 def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
-    given = {"baseline_folder": str(tmp_path / "baselines")}
-    with monitor(given) as session:
+    settings = {"baseline_folder": str(tmp_path / "baselines")}
+    with monitor(settings) as session:
         joint = Learner(session)
         joint.status(BaselineStatus.LEARNING, 0)
         joint.health(Health.STALE, "learning: 0 records")
@@ -164,10 +164,10 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
 @pytest.mark.slow
 def test_setting_accepts_the_records_and_a_restart_continues_with_them(tmp_path: Path):
     # Provisional fits are made with 6 and 8 records.
-    given = {"baseline_folder": str(tmp_path), "accept_after": 7}
-    with monitor(given) as session:
+    settings = {"baseline_folder": str(tmp_path), "accept_after": 7}
+    with monitor(settings) as session:
         Learner(session).feed(range(3))
-    with monitor(given) as session:
+    with monitor(settings) as session:
         joint = Learner(session)
         status = joint.status(BaselineStatus.LEARNING, 3)
         assert (status.records_needed, status.days) == (7, 1)
@@ -177,7 +177,7 @@ def test_setting_accepts_the_records_and_a_restart_continues_with_them(tmp_path:
         assert status.author == "automatic: accept_after = 7"
         assert joint.feed([7]).verdict == FaultEstimate.VALID
         joint.health(Health.OK, "")
-    with monitor(given) as session:
+    with monitor(settings) as session:
         joint = Learner(session)
         joint.status(BaselineStatus.ACCEPTED, 7)
         assert joint.feed([8]).verdict == FaultEstimate.VALID

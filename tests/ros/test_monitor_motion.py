@@ -50,20 +50,22 @@ def moves() -> list[Telemetry]:
 def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]):
     """Stretches and estimates are equal to the last bit."""
     expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.05, pause_s=0.0))
-    assert [one.stretches for one in expected[:-1]] == [2, 1, 1]
+    assert [estimate.stretches for estimate in expected[:-1]] == [2, 1, 1]
     with monitor({**MOTION, "waiting_windows": 1000}) as session:
         session.describe()
         session.feed(moves)
         # The last estimate comes at the end of the motion, when the monitor is deactivated.
-        for one in expected[:-1]:
+        for estimate in expected[:-1]:
             live = session.next_estimate()
             faults = [getattr(live.faults, name) for name in FAULT_NAMES]
-            np.testing.assert_array_equal(faults, one.faults)
-            assert live.stretches == one.stretches >= 1
-            assert stamp_from_message(live.window_start) == one.start_ns
-            assert stamp_from_message(live.window_end) == one.end_ns
+            np.testing.assert_array_equal(faults, estimate.faults)
+            assert live.stretches == estimate.stretches >= 1
+            assert stamp_from_message(live.window_start) == estimate.start_ns
+            assert stamp_from_message(live.window_end) == estimate.end_ns
             assert live.verdict == FaultEstimate.VALID
-        assert [one.window for one in session.estimates()] == list(range(len(expected) - 1))
+        assert [estimate.window for estimate in session.estimates()] == list(
+            range(len(expected) - 1)
+        )
 
 
 @pytest.mark.slow

@@ -47,9 +47,9 @@ def health(session: MonitorSession) -> Health:
 
 def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
     watch = WindowFinder(TriggerSettings(), FLAP)
-    [found] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
-    assert isinstance(found, Segment)
-    expected = estimate_to_message(identify(found.window, FLAP, Calibration.builtin()), 0, FLAP)
+    [segment] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
+    assert isinstance(segment, Segment)
+    expected = estimate_to_message(identify(segment.window, FLAP, Calibration.builtin()), 0, FLAP)
     assert expected.valid
     assert 0.0 < estimate.computing_time < 8.0
     expected.computing_time = estimate.computing_time
@@ -86,9 +86,9 @@ def test_status_carries_the_figures(session: MonitorSession):
 
 
 def test_latched_descriptions_of_all_actuators_are_received():
-    others = [replace(FLAP, actuator_id=f"tab_{i}", serial_number=f"T{i}") for i in range(3)]
+    tabs = [replace(FLAP, actuator_id=f"tab_{i}", serial_number=f"T{i}") for i in range(3)]
     with monitor(up=False) as session:
-        for described in (FLAP, *others):
+        for described in (FLAP, *tabs):
             session.describe_from_a_node_of_its_own(described)
         session.bring_up()
         session.until_status("input", "4 actuators monitored")
@@ -127,9 +127,9 @@ def test_health_is_stale_while_the_monitor_is_not_active_and_after_three_expecte
         session.feed(Source().cycle())
         latest = session.next_estimate()
         session.until(lambda: session.healths()[-1].level == OK)
-        known = len(session.healths())
+        healths = len(session.healths())
         assert session.set_parameters(expected_period_s=0.1)[0].successful
-        later = lambda: [h for h in session.healths()[known:] if h.level == STALE]  # noqa: E731
+        later = lambda: [h for h in session.healths()[healths:] if h.level == STALE]  # noqa: E731
         stale = session.until(later)[0]
         assert stale.confidence == 0.0
         assert "no valid estimate for more than 0.3 s" in stale.reason

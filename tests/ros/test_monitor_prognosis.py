@@ -44,8 +44,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def session(cycles: list[Telemetry], folder: Path) -> Iterator[MonitorSession]:
     """A monitor that has followed an actuator over its tests."""
     costs = {"costs.removal": 1.0, "costs.failure": 10.0, "costs.unit": "removals"}
-    given = {"hours_per_cycle": HOURS, "history_folder": str(folder), **costs}
-    with monitor(given) as running:
+    settings = {"hours_per_cycle": HOURS, "history_folder": str(folder), **costs}
+    with monitor(settings) as running:
         running.describe()
         for number, cycle in enumerate(cycles[:TESTS], 1):
             live(running, [cycle])
@@ -156,7 +156,7 @@ def test_note_of_a_person_is_published_and_in_the_history(session: MonitorSessio
     assert note("x" * 501).message == "text: expected 1 to 500 printable characters, not 501"
     assert note("bell \a").message.startswith("text: expected")
     assert note("greased").success
-    session.until(lambda: [one.kind for one in session.healths()[-1].events] == ["note"])
+    session.until(lambda: [event.kind for event in session.healths()[-1].events] == ["note"])
     [event] = session.healths()[-1].events
     assert event.text.startswith("Ada, 20")
     assert event.text.endswith(" UTC: greased")

@@ -57,8 +57,8 @@ def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
 def test_unit_that_is_exchanged_begins_a_history_of_its_own(
     cycles: list[Telemetry], tmp_path: Path
 ):
-    given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
-    with monitor(given) as session:
+    settings = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
+    with monitor(settings) as session:
         session.describe()
         live(session, cycles[:2])
         session.mount(OTHER)
@@ -142,24 +142,24 @@ def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_
     cycles: list[Telemetry], tmp_path: Path
 ):
     recent = now(cycles[:3])  # with the stamps of a real actuator
-    given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path / "one")}
-    with monitor(given) as session:
+    settings = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path / "one")}
+    with monitor(settings) as session:
         session.mount()
         *_, expected = live(session, recent)
         [_, _, estimate] = session.estimates()
-    given["history_folder"] = str(tmp_path / "two")
-    with monitor(given) as session:
+    settings["history_folder"] = str(tmp_path / "two")
+    with monitor(settings) as session:
         session.mount()
         *_, before = live(session, recent[:2])
-    with monitor(given) as session:
+    with monitor(settings) as session:
         session.mount()
-        [known] = session.until(session.healths)
-        assert [event.kind for event in known.events] == ["restart"]
-        before.events = known.events
-        assert plain(known) == plain(before)
+        [restored] = session.until(session.healths)
+        assert [event.kind for event in restored.events] == ["restart"]
+        before.events = restored.events
+        assert plain(restored) == plain(before)
 
         def hours() -> str:
-            life = session.until_status("flap health", "", bytes([known.level]))
+            life = session.until_status("flap health", "", bytes([restored.level]))
             return {item.key: item.value for item in life.values}["flight hours [h]"]
 
         wait_for(lambda: hours() == "20", "the hours of the history in the status")
@@ -168,7 +168,7 @@ def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_
     assert again.warm_start
     assert (again.faults, again.evaluations) == (estimate.faults, estimate.evaluations)
     assert plain(health) == plain(expected)
-    with monitor({**given, "expected_period_s": 0.1}) as session:
+    with monitor({**settings, "expected_period_s": 0.1}) as session:
         session.mount()
         # An old health is published as stale before any new test.
         old = session.until(session.healths)[0]
@@ -188,8 +188,8 @@ def test_test_of_another_time_is_identified_but_not_recorded(
     cycles: list[Telemetry], tmp_path: Path
 ):
     """The test is from a replayed bag, or a clock that is ten years ahead."""
-    given = {"history_folder": str(tmp_path), "history_max_offset_s": OFFSET_S}
-    with monitor({"hours_per_cycle": HOURS, "expected_period_s": 1e6, **given}) as session:
+    settings = {"history_folder": str(tmp_path), "history_max_offset_s": OFFSET_S}
+    with monitor({"hours_per_cycle": HOURS, "expected_period_s": 1e6, **settings}) as session:
         session.mount()
         [first] = live(session, now(cycles[:1]))
         assert "not recorded" not in first.reason

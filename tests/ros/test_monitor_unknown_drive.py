@@ -42,8 +42,8 @@ def motion(number: int = 0, noise_a: float = 0.05, **faults: float) -> Telemetry
 
 def record_of(telemetry: Telemetry) -> Window:
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
-    found = [one.window for one in finder.feed(telemetry) if isinstance(one, Segment)]
-    return next(one for one in found if isinstance(one, Window))
+    windows = [event.window for event in finder.feed(telemetry) if isinstance(event, Segment)]
+    return next(window for window in windows if isinstance(window, Window))
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_quantities_and_health_of_an_unknown_drive_are_published(calibration: Pa
         assert estimate.faults.friction == pytest.approx(0.2, abs=0.03)
         assert math.isnan(estimate.faults.short_circuit_a)
         assert estimate.unobservable & FaultEstimate.GAIN
-        changes = {one.name: one for one in estimate.quantities}
+        changes = {quantity.name: quantity for quantity in estimate.quantities}
         assert changes["friction"].judgement == QuantityChange.CHANGED
         assert changes["friction"].change == pytest.approx(0.4, abs=0.06)
         assert changes["inertia"].judgement == QuantityChange.UNCHANGED
@@ -79,14 +79,18 @@ def test_quantities_and_health_of_an_unknown_drive_are_published(calibration: Pa
         health = session.until(lambda: session.healths()[1:])[-1]
         assert health.level == Health.WARN
         assert health.health_index < 0.9
-        item = next(one for one in health.requirements if one.name == TORQUE_PER_AMPERE)
+        item = next(
+            requirement
+            for requirement in health.requirements
+            if requirement.name == TORQUE_PER_AMPERE
+        )
         assert (item.value, item.unit) == (pytest.approx(1.0, abs=0.02), "1")
 
 
 @pytest.mark.slow
 def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp_path: Path):
-    given = {"calibration_file": str(calibration), "history_folder": f"{tmp_path}/history"}
-    with monitor(given) as session:
+    settings = {"calibration_file": str(calibration), "history_folder": f"{tmp_path}/history"}
+    with monitor(settings) as session:
         session.describe(UNKNOWN)
         session.feed([motion(8, noise_a=0.5)])
         estimate = session.next_estimate()
@@ -95,7 +99,7 @@ def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp
         health = session.until(session.healths)[-1]
         assert (health.level, health.health_index) == (Health.WARN, pytest.approx(0.99, abs=0.01))
         assert estimate.reason.startswith(health.cause)
-        assert [(one.kind, one.text) for one in health.events] == [(DEPARTURE, health.cause)]
+        assert [(event.kind, event.text) for event in health.events] == [(DEPARTURE, health.cause)]
         session.feed([motion(9)])
         assert session.next_estimate().verdict == FaultEstimate.VALID
         held = session.until(lambda: session.healths()[1:])[-1]
@@ -104,7 +108,7 @@ def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp
         session.feed([motion(10)])
         assert session.next_estimate().verdict == FaultEstimate.VALID
         assert session.until(lambda: session.healths()[2:])[-1].level == Health.OK
-    with monitor(given) as session:
+    with monitor(settings) as session:
         session.mount(UNKNOWN)
         health = session.until(session.healths)[-1]
         # The stamp is years ago.
@@ -115,8 +119,8 @@ def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp
 @pytest.mark.parametrize("has_clock", [True, False])
 def test_healthy_records_of_a_drive_without_a_clock_have_no_date(tmp_path: Path, has_clock: bool):
     file = tmp_path / "unit.yaml"
-    given = {"calibration_file": str(file), "calibration_folder": str(tmp_path)}
-    with monitor({**given, "has_clock": has_clock}) as session:
+    settings = {"calibration_file": str(file), "calibration_folder": str(tmp_path)}
+    with monitor({**settings, "has_clock": has_clock}) as session:
         session.describe(UNKNOWN)
         request = Calibrate.Request(windows=2)
         future = session.start(Calibrate, "/ema/monitor/calibrate", request)

@@ -26,12 +26,12 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Event that lets windows be identified, as healthy, when it is set."""
     may, identified = threading.Event(), diagnosis._identified
 
-    def held(window: Window | Refusal, *others: Any) -> Any:
+    def held(window: Window | Refusal, *arguments: Any) -> Any:
         if isinstance(window, Refusal):
-            return (yield from identified(window, *others))
+            return (yield from identified(window, *arguments))
         while not may.wait(0.01):
             yield None
-        calibration, settings = others[1:3]
+        calibration, settings = arguments[1:3]
         return replace(
             refusal(window, calibration, settings, WindowUnusable("")),
             valid=True,
@@ -58,7 +58,7 @@ def none_waits_of(session: MonitorSession, windows: int) -> bool:
 
 
 def outcomes(session: MonitorSession) -> list[tuple[int, bool]]:
-    return [(one.window, one.valid) for one in session.estimates()]
+    return [(estimate.window, estimate.valid) for estimate in session.estimates()]
 
 
 def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_continues_after(

@@ -23,10 +23,10 @@ from .spinning import ros_context
 def nodes() -> Iterator[dict[str, Any]]:
     """All nodes with default parameters, by name."""
     with ros_context() as context, ExitStack() as opened:
-        found = {name: node_class(name)(context=context) for name in NODES}
-        for node in found.values():
+        nodes_by_name = {name: node_class(name)(context=context) for name in NODES}
+        for node in nodes_by_name.values():
             opened.callback(node.destroy_node)
-        yield found
+        yield nodes_by_name
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +59,10 @@ def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
 
 def test_only_what_is_needed_at_the_start_is_read_only(parameters):
     fixed = {(node, name) for node, name, _, descriptor in parameters if descriptor.read_only}
-    own = {(node, name) for node, name in fixed if not name.startswith(("autostart", "start_type"))}
-    assert own == {("actuator", "actuator_file")}
+    specific = {
+        (node, name) for node, name in fixed if not name.startswith(("autostart", "start_type"))
+    }
+    assert specific == {("actuator", "actuator_file")}
 
 
 def test_names_are_words_in_lower_case(parameters):

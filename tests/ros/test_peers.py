@@ -61,53 +61,53 @@ def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Calla
     def node(name: str, namespace: str = "/ema") -> Node:
         return make_node(name, namespace=namespace)
 
-    own = node("own")
-    own.create_publisher(String, "out", 1)
-    own.create_subscription(String, "in", lambda _: None, 1)
-    own.create_subscription(String, "/clock", lambda _: None, 1)
-    hears, speaks, same, other, tool = (
-        *(node(name) for name in ("hears", "speaks", "same", "other")),
+    tested = node("own")
+    tested.create_publisher(String, "out", 1)
+    tested.create_subscription(String, "in", lambda _: None, 1)
+    tested.create_subscription(String, "/clock", lambda _: None, 1)
+    subscriber, publisher, sibling, unrelated, tool = (
+        *(node(name) for name in ("subscriber", "publisher", "sibling", "unrelated")),
         node("tool", "/"),
     )
-    hears.create_subscription(String, "out", lambda _: None, 1)
-    speaks.create_publisher(String, "in", 1)
-    same.create_publisher(String, "out", 1)
-    other.create_publisher(String, "elsewhere", 1)
-    other.create_publisher(String, "/clock", 1)
+    subscriber.create_subscription(String, "out", lambda _: None, 1)
+    publisher.create_publisher(String, "in", 1)
+    sibling.create_publisher(String, "out", 1)
+    unrelated.create_publisher(String, "elsewhere", 1)
+    unrelated.create_publisher(String, "/clock", 1)
     tool.create_subscription(String, "/ema/out", lambda _: None, 1)
 
     def until(expected: set[str]) -> None:
-        wait_for(lambda: nodes_in_touch(own) == expected, f"{expected} alone")
+        wait_for(lambda: nodes_in_touch(tested) == expected, f"{expected} alone")
 
-    until({"/ema/hears", "/ema/speaks", "/ema/same"})
-    speaks.destroy_node()
-    until({"/ema/hears", "/ema/same"})
+    until({"/ema/subscriber", "/ema/publisher", "/ema/sibling"})
+    publisher.destroy_node()
+    until({"/ema/subscriber", "/ema/sibling"})
 
 
 def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_there(
     make_node: Callable[..., Node],
 ):
-    own, other = make_node("own", namespace="/ema"), make_node("radio", namespace="/ema")
+    tested, radio = make_node("own", namespace="/ema"), make_node("radio", namespace="/ema")
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    own.create_subscription(String, "strict", lambda _: None, 1)
-    # Two subscriptions with different demands: it suffices that one of them receives.
-    own.create_subscription(String, "either", lambda _: None, latched)
-    own.create_subscription(String, "either", lambda _: None, best_effort)
+    tested.create_subscription(String, "strict", lambda _: None, 1)
+    # Two subscriptions with different demands: it is enough if one of them receives.
+    tested.create_subscription(String, "either", lambda _: None, latched)
+    tested.create_subscription(String, "either", lambda _: None, best_effort)
     publishers = [
-        other.create_publisher(String, name, best_effort) for name in ("strict", "either")
+        radio.create_publisher(String, name, best_effort) for name in ("strict", "either")
     ]
-    publishers.append(other.create_publisher(String, "strict", 1))
+    publishers.append(radio.create_publisher(String, "strict", 1))
     named = "/ema/strict of /ema/radio (Best effort publisher and reliable subscription)"
-    wait_for(lambda: own.count_publishers("strict") == 2, "the publishers")
-    wait_for(lambda: own.count_publishers("either") == 1, "the publishers")
-    assert incompatible_publishers(own) == [named]
+    wait_for(lambda: tested.count_publishers("strict") == 2, "the publishers")
+    wait_for(lambda: tested.count_publishers("either") == 1, "the publishers")
+    assert incompatible_publishers(tested) == [named]
     peers = Peers("/ema/own")
-    peers.incompatible = incompatible_publishers(own)
+    peers.incompatible = incompatible_publishers(tested)
     task = peers.task("unit", 0.0)
     assert (task.level, task.message) == (WARN, f"incompatible publishers: {named}")
-    other.destroy_publisher(publishers[0])
-    wait_for(lambda: not incompatible_publishers(own), "no incompatible publisher")
+    radio.destroy_publisher(publishers[0])
+    wait_for(lambda: not incompatible_publishers(tested), "no incompatible publisher")
 
 
 def test_two_nodes_of_one_name_are_an_error_of_both_until_one_has_gone(graph: Spinning):
@@ -118,12 +118,15 @@ def test_two_nodes_of_one_name_are_an_error_of_both_until_one_has_gone(graph: Sp
         return reported["/ema/monitor: peers"]
 
     reported = graph.statuses()
-    first, others = managed(graph), (managed(graph, "monitor_1"), managed(graph, namespace="/b"))
+    first, unaffected = (
+        managed(graph),
+        (managed(graph, "monitor_1"), managed(graph, namespace="/b")),
+    )
     with ros_context() as context, contextlib.closing(Spinning(context)) as other_graph:
         second = managed(other_graph)
         for node in (first, second):
             wait_for(lambda node=node: node._peers.task("", 0.0).level == ERROR, "the error")
         wait_for(lambda: status().level[0] == ERROR, "the status")
         assert "2 nodes are named /ema/monitor: stop all but one" in status().message
-        assert not any(node._peers.collision for node in others)
+        assert not any(node._peers.collision for node in unaffected)
     wait_for(lambda: not first._peers.collision and status().level[0] != ERROR, "the end of it")

@@ -203,8 +203,8 @@ def test_a_loop_begins_again_as_after_a_seek(graph: Spinning, bag: Path):
     wait_for(lambda: len(received) > 2 * 26, "a third pass")
     player.trigger_deactivate()
     assert not player.finished.is_set()
-    one = list(range(50, 101, 2))
-    assert texts(received)[: 2 * 26] == one * 2
+    cycle = list(range(50, 101, 2))
+    assert texts(received)[: 2 * 26] == cycle * 2
     assert int(task(player).values["pass"]) >= 3
     wait_for(lambda: [state.jumped for state in states].count(True) >= 2, "the jumps")
     at = [stamp_from_message(state.position) for state in states if state.jumped]

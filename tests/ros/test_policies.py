@@ -47,15 +47,15 @@ class Seen:
     """Topics, services and actions that a node has in the graph, by rule of a policy."""
 
     def __init__(self, observer: Node, access: GraphNames) -> None:
-        found = (
+        queries = (
             observer.get_publisher_names_and_types_by_node,
             observer.get_subscriber_names_and_types_by_node,
             observer.get_service_names_and_types_by_node,
             observer.get_client_names_and_types_by_node,
         )
-        sets: list[set[str]] = [set() for _ in found]
+        sets: list[set[str]] = [set() for _ in queries]
         with suppress(NodeNameNonExistentError):  # it has not come yet
-            sets = [names(one(access.name, access.namespace)) for one in found]
+            sets = [names(query(access.name, access.namespace)) for query in queries]
         self.publishes, self.subscribes, self.replies, self.requests = sets
         # An action consists of three services and two topics; a policy names only the action.
         ends = [
@@ -212,7 +212,7 @@ def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch)
         up = ["ema", "up", "actuator", "monitor"]
         graph.start_other("up", up)
         graph.start_other("watch", ["ema", "watch"])
-        graph.wait_for(lambda: "flap" in graph.log("watch").read_text(), "a health that is heard")
+        graph.wait_for(lambda: "flap" in graph.log("watch").read_text(), "a received health")
         # The observer of this graph has no key, so it receives nothing.
         assert not graph.healths
         stranger = subprocess.run(

@@ -26,9 +26,9 @@ def received(name: str) -> FaultEstimate:
 def test_quantities_survive_the_wire(name: str):
     log = DiagnosisLog()
     log.add(ESTIMATE_TYPE, received(name), END_NS)
-    [one] = log.diagnoses()
+    [diagnosis] = log.diagnoses()
     # NaN differs from NaN, but their texts are equal.
-    assert repr(one.quantities) == repr(CASES[name].quantities)
+    assert repr(diagnosis.quantities) == repr(CASES[name].quantities)
 
 
 def test_numbers_of_the_judgements_are_those_of_the_message():
@@ -37,7 +37,7 @@ def test_numbers_of_the_judgements_are_those_of_the_message():
         Judgement.CHANGED: QuantityChange.CHANGED,
         Judgement.NOT_JUDGED: QuantityChange.NOT_JUDGED,
     }
-    assert {one: JUDGEMENTS.index(one) for one in Judgement} == by_name
+    assert {judgement: JUDGEMENTS.index(judgement) for judgement in Judgement} == by_name
     assert QuantityChange().judgement == QuantityChange.NOT_JUDGED
 
 
@@ -48,9 +48,9 @@ def test_estimate_of_a_modelled_drive_has_no_quantities():
 
 def test_unknown_judgement_is_refused():
     message = received("friction")
-    first, *others = message.quantities
+    first, *rest = message.quantities
     first.judgement = 7
-    message.quantities = [first, *others]
+    message.quantities = [first, *rest]
     with pytest.raises(ValueError, match=r"quantities: judgement = 7, expected 0, 1 or 2"):
         DiagnosisLog().add(ESTIMATE_TYPE, message, END_NS)
 

@@ -117,7 +117,7 @@ def test_default_in_the_root_namespace_leaves_out_the_topics_that_all_nodes_shar
 def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
     source = graph.node(namespace="/flap_1")
     wanted = source.create_publisher(String, "deep/text", STREAM)
-    others = [
+    excluded = [
         source.create_publisher(String, name, STREAM)
         for name in ("/elsewhere", "/flap_12/text", "_hidden", "deep/_hidden/text")
     ]
@@ -127,7 +127,7 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path:
     )
     assert recorder.bring_up()
     wait_for_match(recorder, wanted)
-    for publisher in (*others, wanted):
+    for publisher in (*excluded, wanted):
         publisher.publish(String())
     for name in ("/diagnostics", "/flap_1/node_status"):
         wait_for(lambda name=name: name in str(task(recorder).values["topics"]), name)
@@ -185,10 +185,10 @@ def test_pausing_continues_in_the_same_bag(graph: Spinning, tmp_path: Path):
 
 
 def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Path):
-    path, other = tmp_path / "flight", tmp_path / "other"
+    path, second_path = tmp_path / "flight", tmp_path / "other"
     recorder = recorder_of(graph, path)
     assert recorder.bring_up()
-    for name, value in (("output", str(other)), ("topics", ["text"])):
+    for name, value in (("output", str(second_path)), ("topics", ["text"])):
         [answer] = recorder.set_parameters([Parameter(name, value=value)])
         assert not answer.successful
         assert answer.reason.startswith(f"{name} cannot be changed while the node is active")
@@ -201,10 +201,10 @@ def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Pa
     assert "parameter output" in refusal
     assert "overwrite" in refusal
     assert (path / "flight_0.mcap").read_bytes() == before
-    recorder.set_parameters([Parameter("output", value=str(other))])
+    recorder.set_parameters([Parameter("output", value=str(second_path))])
     assert recorder.trigger_configure() == TransitionCallbackReturn.SUCCESS
     recorder.trigger_cleanup()
-    assert (other / "metadata.yaml").exists()
+    assert (second_path / "metadata.yaml").exists()
     recorder.set_parameters([Parameter("overwrite", value=True)])
     assert recorder.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
@@ -444,8 +444,8 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(
 
 def test_cache_that_is_too_small_is_reported(graph: Spinning, tmp_path: Path):
     text = graph.node().create_publisher(String, "text", STREAM)
-    given = {"snapshot_duration": 1000.0, "max_cache_size": 100_000}
-    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], **given)
+    settings = {"snapshot_duration": 1000.0, "max_cache_size": 100_000}
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], **settings)
     assert recorder.bring_up()
     wait_for_match(recorder, text)
     for number in range(12):

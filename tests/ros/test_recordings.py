@@ -40,13 +40,13 @@ def blocks_of(
 ) -> list[Telemetry]:
     """Return blocks whose current is the sample index and whose stamps jitter by up to 0.2 ms."""
     random = np.random.default_rng(1)
-    found = []
+    blocks = []
     for start in range(0, len(position), size):
         part, index = position[start : start + size], first_index + start
         stamp_ns = start_ns + index * 10_000_000 + int(random.integers(200_000))
         count = np.arange(index, index + len(part), dtype=float)
-        found.append(Telemetry(stamp_ns, H, index, part, count, part, np.zeros(len(part))))
-    return found
+        blocks.append(Telemetry(stamp_ns, H, index, part, count, part, np.zeros(len(part))))
+    return blocks
 
 
 def recorded(path: Path, blocks: Sequence[Telemetry]) -> Path:
@@ -64,14 +64,16 @@ def live(blocks: Sequence[Telemetry]) -> list[Window]:
     return [window for window in windows if isinstance(window, Window)]
 
 
-def assert_same(found: BagWindows, windows: Sequence[Window]) -> None:
-    assert len(found.usable) == len(windows) == len(found.windows)
-    for window, place, other in zip(found.usable, found.windows, windows, strict=True):
-        assert (place.start_ns, place.end_ns) == (other.start_ns, other.end_ns)
-        assert window.telemetry.stamp_ns == other.telemetry.stamp_ns
-        assert window.telemetry.first_index == other.telemetry.first_index
+def assert_same(recording: BagWindows, windows: Sequence[Window]) -> None:
+    assert len(recording.usable) == len(windows) == len(recording.windows)
+    for window, place, expected in zip(recording.usable, recording.windows, windows, strict=True):
+        assert (place.start_ns, place.end_ns) == (expected.start_ns, expected.end_ns)
+        assert window.telemetry.stamp_ns == expected.telemetry.stamp_ns
+        assert window.telemetry.first_index == expected.telemetry.first_index
         for name in COLUMNS:
-            assert np.array_equal(getattr(window.telemetry, name), getattr(other.telemetry, name))
+            assert np.array_equal(
+                getattr(window.telemetry, name), getattr(expected.telemetry, name)
+            )
 
 
 @pytest.mark.parametrize("size", [1, 7, 400])
@@ -84,7 +86,7 @@ def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
     windows = live(blocks)
     # 20 s without rest, the remaining 13 s, and both motions at the end.
     lengths = [20.0, 13.0 + 0.5 + 0.5, 0.5 + 9.0]
-    assert [len(one.telemetry) * H for one in windows] == pytest.approx(lengths, abs=0.6)
+    assert [len(window.telemetry) * H for window in windows] == pytest.approx(lengths, abs=0.6)
     assert_same(read_windows(recorded(path, blocks), SETTINGS), windows)
 
 
@@ -92,37 +94,37 @@ def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Pat
     """A driver that restarts in the middle of a motion counts from 1 again."""
     before = blocks_of(motion(8.0), 50)
     after = blocks_of(motion(6.0), 50, start_ns=START_NS + 9_000_000_000)
-    found = read_windows(recorded(path, [*before, *after]), SETTINGS)
-    assert_same(found, live([*before, *after]))
-    assert [len(one.telemetry) for one in found.usable] == [800, 600]
-    assert any("the sample index went back" in remark for remark in found.remarks)
+    recording = read_windows(recorded(path, [*before, *after]), SETTINGS)
+    assert_same(recording, live([*before, *after]))
+    assert [len(window.telemetry) for window in recording.usable] == [800, 600]
+    assert any("the sample index went back" in remark for remark in recording.remarks)
 
 
 def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
     short = np.concatenate([motion(1.0), np.zeros(700)])
-    found = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
+    recording = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
     # The first and the last bin, of 0.03 s each, do not count.
     reason = "a record needs 2 s of motion, and the longest piece has 0.92 s"
-    assert (found.windows, found.obstacle) == ([], reason)
+    assert (recording.windows, recording.obstacle) == ([], reason)
     long = np.concatenate([short, motion(5.0)])
-    found = read_windows(recorded(path.with_name("long.mcap"), blocks_of(long, 50)), SETTINGS)
-    assert len(found.windows) == 1
-    assert found.obstacle == ""
-    assert f"1 piece of the telemetry ignored: {reason}" in found.remarks
-    assert "1 record" in str(found)
+    recording = read_windows(recorded(path.with_name("long.mcap"), blocks_of(long, 50)), SETTINGS)
+    assert len(recording.windows) == 1
+    assert recording.obstacle == ""
+    assert f"1 piece of the telemetry ignored: {reason}" in recording.remarks
+    assert "1 record" in str(recording)
 
 
 def test_long_records_stay_in_the_bag(path: Path):
     """One record stays in memory if it exceeds 1 million samples, two if they are shorter."""
     position = np.concatenate([motion(4.0), np.zeros(700), motion(4.0)])
-    found = read_windows(recorded(path, blocks_of(position, 100)), SETTINGS)
-    assert len(found.usable) == 2
-    usable = WindowsOnDemand(found.windows)
+    recording = read_windows(recorded(path, blocks_of(position, 100)), SETTINGS)
+    assert len(recording.usable) == 2
+    usable = WindowsOnDemand(recording.windows)
     first = usable[0]
     assert usable[1] is usable[1]
     assert usable[0] is first
     long = []
-    for window in found.windows:
+    for window in recording.windows:
         assert isinstance(window.place, WindowPlace)
         long.append(replace(window, place=_LongPlace(window.place)))
     usable = WindowsOnDemand(long)

@@ -67,11 +67,11 @@ def plain(message: Any) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def expected(bag: Path) -> list[FaultEstimate]:
     """Estimates of `ema estimate`, as messages."""
-    found = read_windows(bag, ReadingOptions(trigger=TriggerSettings()))
-    estimates = Identifying().estimate(found.windows, Calibration.builtin())
+    windows = read_windows(bag, ReadingOptions(trigger=TriggerSettings()))
+    estimates = Identifying().estimate(windows.windows, Calibration.builtin())
     return [
         estimate_to_message(estimate, item.number, item.description)
-        for estimate, item in zip(estimates, found.windows, strict=True)
+        for estimate, item in zip(estimates, windows.windows, strict=True)
     ]
 
 

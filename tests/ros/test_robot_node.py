@@ -139,8 +139,8 @@ def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
     assert ratios[:3, elbow] / ratios[0, elbow] == pytest.approx([1.0, 1.2, 1.4], abs=0.02)
     assert np.diff(ratios[-2:, elbow]) == pytest.approx(0.0, abs=0.02)
     assert np.diff(ratios[-2:, base]) == pytest.approx(1.0, abs=0.05)
-    others = np.delete(ratios, [elbow, base], axis=1)
-    assert others == pytest.approx(np.broadcast_to(others[0], others.shape), abs=0.02)
+    healthy = np.delete(ratios, [elbow, base], axis=1)
+    assert healthy == pytest.approx(np.broadcast_to(healthy[0], healthy.shape), abs=0.02)
     starts = listener.stamps(topics.TRUE_FRICTION)
     assert np.diff(starts) == pytest.approx(18.7e9, abs=0.06e9)
 

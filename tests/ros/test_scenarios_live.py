@@ -47,15 +47,15 @@ SCENARIOS = [
 @pytest.fixture(scope="module")
 def tests() -> list[CountedTest]:
     """Tests of an actuator with growing friction at irregular intervals, with service counts."""
-    actuator, found = SimulatedActuator(stamp_ns=START_NS), list[CountedTest]()
+    actuator, flown = SimulatedActuator(stamp_ns=START_NS), list[CountedTest]()
     for number in range(TESTS):
         actuator.faults = fault_vector({"friction": 0.1 + 0.02 * number})
         block = actuator.advance(CYCLE.samples)
         hours = 12.0 * number + number % 3
         usage = Usage(actuator_id=FLAP.actuator_id, flight_hours=hours, cycles=100 + number)
         usage.header.stamp = stamp_to_message(block.stamp_ns)
-        found.append((block, usage))
-    return found
+        flown.append((block, usage))
+    return flown
 
 
 @pytest.fixture(scope="module")
@@ -92,18 +92,20 @@ def asked(session: MonitorSession, *scenarios: DutyScenario):
 def course(record: UnitRecord) -> Course:
     """Course of the unit that the command computes from the bag."""
     calibration = Calibration.builtin()
-    given = Predicting(
+    options = Predicting(
         prognosis=PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE)),
         scenarios=scenarios_from_messages(SCENARIOS),
     )
-    return follow(record, given.estimate(record.windows, calibration), calibration, given)
+    return follow(record, options.estimate(record.windows, calibration), calibration, options)
 
 
 def test_every_health_message_of_a_bag_is_that_of_the_live_monitor(session, course, tests):
     reported = [
         health_to_message(outlook, course.record.description) for outlook in course.outlooks
     ]
-    assert [plain(message) for message in reported] == [plain(one) for one in session.healths()]
+    assert [plain(message) for message in reported] == [
+        plain(health) for health in session.healths()
+    ]
     assert [message.flight_hours for message in reported] == [
         item.flight_hours for _, item in tests
     ]
@@ -113,11 +115,11 @@ def test_every_health_message_of_a_bag_is_that_of_the_live_monitor(session, cour
 def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
     live = asked(session, *SCENARIOS)
     assert live.success, live.message
-    reported = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
-    assert [str(one) for one in reported] == [str(one) for one in live.scenarios]
+    reported = [message_of(ScenarioLife, scenario_report(*life)) for life in course.scenarios]
+    assert [str(life) for life in reported] == [str(life) for life in live.scenarios]
     assert course.growth.duty is not None
     assert "as flown since" in live.health.assumption
-    lives = {one.name: one for one in reported}
+    lives = {life.name: life for life in reported}
     assert str(lives["as flown"].rul) == str(live.health.rul)
     assert live.health.rul.known
     assert lives["idle"].rul.known
@@ -150,7 +152,7 @@ def test_wrong_scenarios_are_refused_by_name(
 
 
 def test_command_prints_lives_under_scenarios(course: Course, tmp_path: Path):
-    table = table_of_scenarios([scenario_report(*one) for one in course.scenarios])
+    table = table_of_scenarios([scenario_report(*life) for life in course.scenarios])
     names, *_, days, _ = (list(column.cells) for column in table.columns)
     shown = dict(zip(names, days, strict=True))
     assert (str(shown["idle"]).count(" / "), shown["hot"]) == (2, "")

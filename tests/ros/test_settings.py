@@ -38,8 +38,8 @@ class Oven(Checked):
 def make_oven(make_node: Callable[..., Node]) -> Callable[..., Node]:
     """Return a function that makes a node with parameter overrides."""
 
-    def make(**given: Any) -> Node:
-        overrides = [Parameter(key.replace("__", "."), value=v) for key, v in given.items()]
+    def make(**parameters: Any) -> Node:
+        overrides = [Parameter(key.replace("__", "."), value=v) for key, v in parameters.items()]
         return make_node("oven", parameter_overrides=overrides)
 
     return make
@@ -65,10 +65,10 @@ def test_descriptors_report_unit_range_and_choices(make_oven):
     declare(node, Oven)
     temperature = node.describe_parameter("temperature")
     assert temperature.description == "temperature inside [degC]"
-    [given] = temperature.floating_point_range
-    assert (given.from_value, given.to_value) == (20.0, 300.0)
-    [given] = node.describe_parameter("trays").integer_range
-    assert (given.from_value, given.to_value) == (0, 4)
+    [limits] = temperature.floating_point_range
+    assert (limits.from_value, limits.to_value) == (20.0, 300.0)
+    [limits] = node.describe_parameter("trays").integer_range
+    assert (limits.from_value, limits.to_value) == (0, 4)
     assert node.describe_parameter("mode").additional_constraints.endswith("one of fan, grill")
     assert "next configure" in node.describe_parameter("label").additional_constraints
     declare(node, Oven, "fixed.", is_fixed=True)
@@ -76,7 +76,7 @@ def test_descriptors_report_unit_range_and_choices(make_oven):
 
 
 @pytest.mark.parametrize(
-    ("given", "texts"),
+    ("values", "texts"),
     [
         ({"temperature": 301.0}, ["temperature", "301", "300", "degC", "inside"]),
         ({"trays": 2.5}, ["trays", "2.5", "whole"]),
@@ -84,8 +84,8 @@ def test_descriptors_report_unit_range_and_choices(make_oven):
         ({"mode": "grill", "temperature": 50.0}, ["temperature", "50", "too low to grill"]),
     ],
 )
-def test_impossible_value_that_is_given_is_refused_in_one_line(make_oven, given, texts):
-    node = make_oven(**{f"left__{name}": value for name, value in given.items()})
+def test_impossible_value_that_is_given_is_refused_in_one_line(make_oven, values, texts):
+    node = make_oven(**{f"left__{name}": value for name, value in values.items()})
     with pytest.raises(ValueError, match=r"left\.") as refused:
         LiveSettings(node, Oven, "left.")
     assert all(item in str(refused.value) for item in texts), refused.value

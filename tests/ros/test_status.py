@@ -91,9 +91,9 @@ def test_level_of_a_fault_agrees_with_its_value_or_states_what_is_missing():
     seen, tests = [], Unit(History("flap", "SIM-0001"), settings)
     for number, friction in enumerate((0.45, 0.5113, 0.02, 0.02)):
         estimate = made_test(number, friction=friction)
-        found = Diagnosed(0, 0, description, estimate)
-        unit.record(found, tests.update(estimate, None, settings), BEGIN)
-        [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap friction"]
+        diagnosed = Diagnosed(0, 0, description, estimate)
+        unit.record(diagnosed, tests.update(estimate, None, settings), BEGIN)
+        [task] = [status for status in unit_tasks(unit, 0) if status.name == "flap friction"]
         seen.append((task.level, task.message))
     assert seen == [
         (WARN, "0.45, warning limit 0.1, limit 0.5"),
@@ -104,7 +104,7 @@ def test_level_of_a_fault_agrees_with_its_value_or_states_what_is_missing():
     item = replace(unit.health.outlook.health.faults[0], name="bandwidth", value=16.4, limit=12.0)
     health = replace(unit.health.outlook.health, requirements=(item,))
     unit.health.outlook = replace(unit.health.outlook, health=health)
-    [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap bandwidth"]
+    [task] = [status for status in unit_tasks(unit, 0) if status.name == "flap bandwidth"]
     assert task.message.startswith("16.4 Hz, limit 12 Hz")
     assert [*task.values] == ["value [Hz]", "sigma [Hz]", "limit [Hz]"]
 
@@ -119,7 +119,7 @@ def health_task(name: str) -> Task:
     if estimate.valid:
         outlook = outlook_of_one(estimate, HealthLimits(), "")
     unit.record(Diagnosed(0, 0, description, estimate), outlook, BEGIN)
-    [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap health"]
+    [task] = [status for status in unit_tasks(unit, 0) if status.name == "flap health"]
     return task
 
 

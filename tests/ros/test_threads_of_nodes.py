@@ -55,7 +55,7 @@ def fails_once(monkeypatch: pytest.MonkeyPatch, kind: type, method: str) -> Call
 
 
 def task(node: ManagedNode, name: str) -> Task:
-    return next(one for one in node.tasks() if one.name == name)
+    return next(item for item in node.tasks() if item.name == name)
 
 
 def is_told_and_over(node: ManagedNode, name: str, reason: str) -> None:

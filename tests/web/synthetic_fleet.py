@@ -464,13 +464,13 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
 
 def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     """Return the status that a monitor reports each second."""
-    found = []
+    statuses = []
 
     def status(level: int, task: str, text: str, unit: Unit | None = None, **values: str) -> None:
         hardware = hardware_name(NAMESPACE, "monitor")
         if unit is not None:
             hardware = hardware_name(NAMESPACE, unit.actuator_id, unit.serial_number)
-        found.append(
+        statuses.append(
             DiagnosticStatus(
                 level=bytes([level]),
                 name=f"{NAMESPACE}/monitor: {task}",
@@ -488,6 +488,6 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
         figures = {"windows": str(unit.window), "latency [s]": "0.123456789"}
         status(OK, telemetry, "receiving", unit, **figures)
         status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health", unit)
-    message = DiagnosticArray(status=found)
+    message = DiagnosticArray(status=statuses)
     message.header.stamp = stamp_to_message(now_ns)
     return message

@@ -186,7 +186,7 @@ def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
         )  # fmt: skip
     quantities = _quantities(joint)
     friction = max(quantities[0].change, 0.0) / _FRICTION.slope
-    has_departed = any(one.judgement == QuantityChange.CHANGED for one in quantities)
+    has_departed = any(quantity.judgement == QuantityChange.CHANGED for quantity in quantities)
     covariance = np.full((8, 8), math.nan)
     covariance[0, 0] = (SIGMA / _FRICTION.slope) ** 2
     return made.message_of(

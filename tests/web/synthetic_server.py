@@ -126,9 +126,9 @@ class Server:
 
     def start(self, port: int) -> int:
         hub = Hub()
-        known = {topic.name: topic for topic in known_topics([made.NAMESPACE])}
+        channels = {topic.name: topic for topic in known_topics([made.NAMESPACE])}
         for name in self.names:
-            hub.add(known[full_name(name)])
+            hub.add(channels[full_name(name)])
         hub.offer_playback((0, int(BAG_S * made.NS)))
         for unit in self.units.values():
             topic = full_name("unit_history")

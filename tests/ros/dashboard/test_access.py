@@ -375,8 +375,8 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
     viewer.wait_until_heard(topic, lambda message: message.actuator_id == str(count - 1))
     received = [message.actuator_id for _, message in viewer.received[topic]]
     # It also receives histories of actuators of other tests, whose health is latched.
-    own = [str(number) for number in range(count)]
-    assert [name for name in received if name in own] == own
+    names = [str(number) for number in range(count)]
+    assert [name for name in received if name in names] == names
     assert values(node)["dropped messages"] == 0
 
 

@@ -42,7 +42,7 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
             output.publish(Health(level=level, **FLAP))
             wait_for(lambda at=level: levels.get(("/ema", "flap")) == at, f"level {level}")
         wait_for_value(node, "alerts sent", 3)
-        changes = [(one["before"], one["level"]) for one in received]
+        changes = [(alert["before"], alert["level"]) for alert in received]
         # The server refused the first change twice.
         assert changes == [("STALE", "OK")] * 3 + [("OK", "WARN"), ("WARN", "ERROR")]
         assert received[-1]["reason"] == "friction 0.4"
@@ -63,6 +63,6 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
         answers += [429, 404]
         output.publish(Health(level=WARN, **FLAP))
         wait_for_value(node, "alerts lost", 2)
-        assert [one["actuator_id"] for one in received[tries:]] == ["flap"] * 2
+        assert [alert["actuator_id"] for alert in received[tries:]] == ["flap"] * 2
         assert "flap: alert WARN lost: status 404" in caplog.messages
         server.shutdown()

@@ -133,8 +133,8 @@ def test_telemetry_is_received_only_while_somebody_looks_at_it(session):
 
 
 def test_several_namespaces_are_shown(session):
-    other = session.node("other", namespace="/second")
-    for node, index in ((session.source, 0.25), (other, 0.5)):
+    second_source = session.node("other", namespace="/second")
+    for node, index in ((session.source, 0.25), (second_source, 0.5)):
         node.create_publisher(Health, "health", topics.ALIVE).publish(health("flap", index))
     viewer = session.view(
         session.dashboard(namespaces=["/ema", "/second"]), "/ema/health", "/second/health"

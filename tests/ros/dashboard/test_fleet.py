@@ -31,10 +31,10 @@ def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archi
     node = session.dashboard(archive=str(archive))
     code, headers, content = web.get(f"{node.address}fleet.json?most=5")
     assert (code, headers["Content-Type"]) == (200, "application/json")
-    found = json.loads(content)
-    assert found["archive"] == "hangar_7"
-    assert [row["serial_number"] for row in found["worst"]] == ["7"]
-    assert found["levels"]["warn"] == 1
+    summary = json.loads(content)
+    assert summary["archive"] == "hangar_7"
+    assert [row["serial_number"] for row in summary["worst"]] == ["7"]
+    assert summary["levels"]["warn"] == 1
     assert web.get(f"{node.address}fleet.json", headers={"Host": "evil.example"})[0] == 403
     write(archive, [UNIT | {"level": 2}])
     assert json.loads(web.get(f"{node.address}fleet.json")[2])["levels"]["error"] == 1

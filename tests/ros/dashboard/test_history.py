@@ -83,10 +83,10 @@ def unit_test(sec: int) -> UnitTest:
 
 
 def news(history: ActuatorHistory) -> UnitHistory:
-    found = history.news()
-    assert found is not None
-    assert found.is_addition
-    return found
+    message = history.news()
+    assert message is not None
+    assert message.is_addition
+    return message
 
 
 def stamps(message: Any) -> list[int]:
@@ -236,7 +236,7 @@ def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
     history = ActuatorHistory("flap", "1")
     refused = estimate(6, 1)
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
-    refused.reason = "the effort differs from that of the calibration: compare the mapping"
+    refused.reason = "the effort differs from the effort of the calibration: compare the mapping"
     assert not history.note_estimate(refused)
     assert history.news() is None
 

@@ -23,11 +23,11 @@ _TEXTS = {"topicPath", "topicToRender"}
 def field_type(kind: Any, names: list[str]) -> str:
     """Return the type of the field at a path; KeyError if it does not exist."""
     for number, name in enumerate(names):
-        found = kind.get_fields_and_field_types()[re.sub(r"\[[\d:]*\]$", "", name)]
-        element = re.fullmatch(r"(?:sequence<)?([\w/]+)(?:, \d+)?(?:>|\[\d+\])?", found)
-        assert element is not None, found
-        if element[1] != found:
-            assert name.endswith("]"), f"{name} is a sequence, {found}"
+        declared = kind.get_fields_and_field_types()[re.sub(r"\[[\d:]*\]$", "", name)]
+        element = re.fullmatch(r"(?:sequence<)?([\w/]+)(?:, \d+)?(?:>|\[\d+\])?", declared)
+        assert element is not None, declared
+        if element[1] != declared:
+            assert name.endswith("]"), f"{name} is a sequence, {declared}"
         if number + 1 == len(names):
             return element[1]
         package, short = element[1].split("/")

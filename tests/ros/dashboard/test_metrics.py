@@ -53,7 +53,7 @@ WITHOUT_UNIT = {
 def parsed(text: bytes, accept: str = OPEN_METRICS) -> dict[str, Metric]:
     """Return the metric families in a text, parsed by the client of its format, by name."""
     parser = open_metrics if accept == OPEN_METRICS else plain_text
-    return {one.name: one for one in parser.text_string_to_metric_families(text.decode())}
+    return {family.name: family for family in parser.text_string_to_metric_families(text.decode())}
 
 
 def values(families: dict[str, Metric]) -> dict[tuple[str, ...], float]:
@@ -112,15 +112,15 @@ NODE_STATUS = (
 @pytest.fixture
 def metrics() -> Metrics:
     """Return metrics that have received a message of each kind."""
-    found = Metrics(lambda: OWN)
-    found.note("/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1"))
+    noted = Metrics(lambda: OWN)
+    noted.note("/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1"))
     for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
-        found.note("/ema", estimate(computing_s))
-    found.note("/ema", health())
-    found.note("/ema", BASELINE_STATUS)
+        noted.note("/ema", estimate(computing_s))
+    noted.note("/ema", health())
+    noted.note("/ema", BASELINE_STATUS)
     for status in NODE_STATUS:
-        found.note_node("/ema", status)
-    return found
+        noted.note_node("/ema", status)
+    return noted
 
 
 def exposed(metrics: Metrics, accept: str = OPEN_METRICS) -> dict[str, Metric]:
@@ -169,39 +169,39 @@ def _clock(sec: int) -> Clock:
 
 
 def test_figures_are_those_of_the_messages_in_base_units(metrics):
-    found = values(exposed(metrics))
+    samples = values(exposed(metrics))
     flap = ("/ema", "flap")
-    assert found["ema_actuator_info", *flap, "7", "F-1"] == 1
-    assert found["ema_health_index_ratio", *flap] == 0.75
-    assert found["ema_health_confidence_ratio", *flap] == 0.5
-    assert found["ema_health_level", *flap] == 1
+    assert samples["ema_actuator_info", *flap, "7", "F-1"] == 1
+    assert samples["ema_health_index_ratio", *flap] == 0.75
+    assert samples["ema_health_confidence_ratio", *flap] == 0.5
+    assert samples["ema_health_level", *flap] == 1
     life = "ema_remaining_useful_life_seconds"
-    lives = [found[life, *flap, quantile] for quantile in ("0.05", "0.5", "0.95")]
+    lives = [samples[life, *flap, quantile] for quantile in ("0.05", "0.5", "0.95")]
     assert lives == [36_000.0, 72_000.0, math.inf]
-    assert found["ema_service_time_seconds", *flap] == 360_000.0
-    assert found["ema_health_timestamp_seconds", *flap] == 50.0
-    assert found["ema_learning", *flap] == 1
-    assert found["ema_baseline_records", *flap] == 4
-    assert found["ema_baseline_smallest_change_ratio", *flap, "same"] == 0.05
-    assert found["ema_baseline_smallest_change_ratio", *flap, "other"] == 0.2
-    assert found["ema_estimate_latency_seconds", *flap] == 0.25
-    assert found["ema_estimates_total", *flap, "valid"] == 5
-    assert found["ema_estimates_total", *flap, "refused"] == 1
-    assert found["ema_samples_lost_total", *flap] == 3
-    assert found["ema_windows_dropped_total", *flap] == 2
-    assert found["ema_monitor_windows_dropped_total", "/ema/monitor"] == 4
-    assert found["ema_monitor_refusals_dropped_total", "/ema/monitor"] == 0
-    assert found["ema_monitor_follow_ups_dropped_total", "/ema/monitor"] == 1
-    assert found["ema_recorder_messages_lost_total", "/ema/recorder"] == 8
-    assert found["ema_recorder_messages_without_room_total", "/ema/recorder"] == 9
-    assert found["ema_bridge_samples_lost_total", "/ema/bridge"] == 11
-    own = [
-        found[f"ema_dashboard_{name}",]
+    assert samples["ema_service_time_seconds", *flap] == 360_000.0
+    assert samples["ema_health_timestamp_seconds", *flap] == 50.0
+    assert samples["ema_learning", *flap] == 1
+    assert samples["ema_baseline_records", *flap] == 4
+    assert samples["ema_baseline_smallest_change_ratio", *flap, "same"] == 0.05
+    assert samples["ema_baseline_smallest_change_ratio", *flap, "other"] == 0.2
+    assert samples["ema_estimate_latency_seconds", *flap] == 0.25
+    assert samples["ema_estimates_total", *flap, "valid"] == 5
+    assert samples["ema_estimates_total", *flap, "refused"] == 1
+    assert samples["ema_samples_lost_total", *flap] == 3
+    assert samples["ema_windows_dropped_total", *flap] == 2
+    assert samples["ema_monitor_windows_dropped_total", "/ema/monitor"] == 4
+    assert samples["ema_monitor_refusals_dropped_total", "/ema/monitor"] == 0
+    assert samples["ema_monitor_follow_ups_dropped_total", "/ema/monitor"] == 1
+    assert samples["ema_recorder_messages_lost_total", "/ema/recorder"] == 8
+    assert samples["ema_recorder_messages_without_room_total", "/ema/recorder"] == 9
+    assert samples["ema_bridge_samples_lost_total", "/ema/bridge"] == 11
+    dashboard = [
+        samples[f"ema_dashboard_{name}",]
         for name in ("clients", "messages_sent_total", "sent_bytes_total", "waiting_bytes")
     ]
-    assert own == [2, 30, 4000, 50]
-    assert found["ema_dashboard_messages_dropped_total",] == 6
-    assert found["process_resident_memory_bytes",] > 1e6
+    assert dashboard == [2, 30, 4000, 50]
+    assert samples["ema_dashboard_messages_dropped_total",] == 6
+    assert samples["process_resident_memory_bytes",] > 1e6
 
 
 @pytest.mark.parametrize("accept", [OPEN_METRICS, "text/plain"])
@@ -225,17 +225,17 @@ def test_node_that_is_cleaned_up_keeps_its_counts(metrics):
 
 def test_another_unit_has_no_health_yet(metrics):
     metrics.note("/ema", estimate(0.1, serial="8"))
-    found = values(exposed(metrics))
-    assert ("ema_actuator_info", "/ema", "flap", "8", "F-1") in found
-    assert ("ema_health_index_ratio", "/ema", "flap") not in found
-    assert found["ema_estimate_computing_seconds_count", "/ema", "flap"] == 5
+    samples = values(exposed(metrics))
+    assert ("ema_actuator_info", "/ema", "flap", "8", "F-1") in samples
+    assert ("ema_health_index_ratio", "/ema", "flap") not in samples
+    assert samples["ema_estimate_computing_seconds_count", "/ema", "flap"] == 5
 
 
 def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
     evil = 'a"} 1\nema_health_level{x="\\\udc80'
     metrics.note("/ema", health(evil))
-    found = values(exposed(metrics))
-    assert found["ema_health_level", "/ema", evil.replace("\udc80", "?")] == 1
+    samples = values(exposed(metrics))
+    assert samples["ema_health_level", "/ema", evil.replace("\udc80", "?")] == 1
     for number in range(2 * MOST_KEPT):
         metrics.note("/ema", health(f"actuator{number}"))
         bridge = NodeStatus(node=f"{evil}{number}", kind=NodeStatus.BRIDGE, samples_lost=1)
@@ -270,13 +270,13 @@ def test_grafana_asks_for_metrics_and_labels_that_are_there(metrics):
     }
     asked = set()
     for query in queries():
-        found = re.findall(r"\b((?:ema|process)_\w+)(?:\{([^}]*)\})?", query)
-        assert found, query
-        for name, selectors in found:
+        selected = re.findall(r"\b((?:ema|process)_\w+)(?:\{([^}]*)\})?", query)
+        assert selected, query
+        for name, selectors in selected:
             assert name in labels, query
             asked.add(name)
             assert set(re.findall(r"(\w+)=", selectors)) <= labels[name], query
         (grouped,) = re.findall(r" by \(([^)]*)\)", query) or [""]
-        assert set(grouped.split(", ")) - {""} <= labels[found[0][0]], query
+        assert set(grouped.split(", ")) - {""} <= labels[selected[0][0]], query
     # Each counter of losses is shown.
     assert {name for name in labels if "_lost" in name or "_dropped" in name} <= asked

@@ -47,8 +47,8 @@ class Monitor:
 def post(
     session: DashboardSession, node: DashboardNode, path: str, content: Any, **options: Any
 ) -> tuple[int, str]:
-    given = {"json": content} | options
-    status, _, answer = session.web.get(f"{node.address}{path}", method="post", **given)
+    arguments = {"json": content} | options
+    status, _, answer = session.web.get(f"{node.address}{path}", method="post", **arguments)
     return status, answer.decode()
 
 

@@ -247,9 +247,9 @@ def test_player_whose_name_is_not_known_yet_is_waited_for(
     unknown = SimpleNamespace(
         node_name="_NODE_NAME_UNKNOWN_", node_namespace="_NODE_NAMESPACE_UNKNOWN_"
     )
-    known = SimpleNamespace(node_name="player", node_namespace="/ema")
+    named = SimpleNamespace(node_name="player", node_namespace="/ema")
     monkeypatch.setattr(node._playback, "set_player", players.append)
-    for info in (unknown, known):
+    for info in (unknown, named):
         monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda _, info=info: [info])
         node._find_player()
     assert set(players) == {"/ema/player"}
