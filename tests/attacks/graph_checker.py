@@ -60,15 +60,15 @@ class Run:
         return self.statuses[-1].sent_ns
 
     @property
-    def heard_ns(self) -> int:
+    def recorded_from_ns(self) -> int:
         """Time from which answers are recorded [ns]; a recorder discovers topics one by one."""
         latest_ns = self.first_ns + round(DISCOVERY_S * _NS)
         return min([latest_ns, *(item.sent_ns for item in self.answers)])
 
     def counted(self) -> list[StatusNote]:
         """Return the statuses from the time on from which answers are recorded."""
-        heard_ns = self.heard_ns if self.statuses else 0
-        return [item for item in self.statuses if item.sent_ns >= heard_ns]
+        recorded_from_ns = self.recorded_from_ns if self.statuses else 0
+        return [item for item in self.statuses if item.sent_ns >= recorded_from_ns]
 
     def around(self, start_ns: int, end_ns: int) -> tuple[StatusNote, StatusNote] | None:
         """Return the last status before ``start_ns`` and the first after ``end_ns``, or None."""
@@ -112,7 +112,7 @@ class _Actuator:
         self.name = name
         self.is_simulated = bool(record.clock_ns)
         self.end_ns = record.end_ns
-        self.told_jumps_ns = record.jumps_ns
+        self.player_jumps_ns = record.jumps_ns
         self._standstills = record.standstills
         self.blocks = [item for item in record.blocks if item.actuator_id == name]
         self.answers = [item for item in record.answers if item.actuator_id == name]
@@ -127,7 +127,7 @@ class _Actuator:
             if late.stamp_ns <= early.stamp_ns
         ]
 
-    def unheard_ns(self, start_ns: int, end_ns: int) -> list[int]:
+    def missed_ns(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the durations without reception between two times, one per standstill [ns].
 
         After a standstill longer than the lease of DDS, the recorder has to be discovered again.
@@ -141,11 +141,11 @@ class _Actuator:
                 spans.append(span)
         return spans
 
-    def unheard(self, start_ns: int, end_ns: int) -> int:
+    def possibly_missed(self, start_ns: int, end_ns: int) -> int:
         """Return the number of answers that may have been sent while the recorder was deaf."""
         steps = [late.sent_ns - early.sent_ns for early, late in pairwise(self.answers)]
         period_ns = max(statistics.median(steps or [_NS]), _NS / 10)
-        return sum(1 + int(span / period_ns) for span in self.unheard_ns(start_ns, end_ns))
+        return sum(1 + int(span / period_ns) for span in self.missed_ns(start_ns, end_ns))
 
     def times_sent(self, time_ns: int) -> int:
         """Return the number of blocks that contain a time."""
@@ -166,13 +166,13 @@ def _runs(statuses: list[StatusNote]) -> list[Run]:
     for status in statuses:
         if "blocks" not in status.values:
             continue
-        if not runs or _begins_anew(runs[-1].statuses[-1], status):
+        if not runs or _is_new_run(runs[-1].statuses[-1], status):
             runs.append(Run())
         runs[-1].statuses.append(status)
     return runs
 
 
-def _begins_anew(before: StatusNote, status: StatusNote) -> bool:
+def _is_new_run(before: StatusNote, status: StatusNote) -> bool:
     """Return whether a status belongs to a later run than the previous status.
 
     Two threads of a monitor publish, so statuses may arrive in the wrong order. A restart takes
@@ -215,7 +215,7 @@ def _unanswered(actuator: _Actuator, lost: Lost) -> Iterator[str]:
         missing = [
             number
             for early, late in pairwise(answers)
-            if not actuator.unheard_ns(*sorted((early.sent_ns, late.sent_ns)))
+            if not actuator.missed_ns(*sorted((early.sent_ns, late.sent_ns)))
             for number in range(early.window + 1, late.window)
         ]
         if len(missing) > lost.estimates:
@@ -230,7 +230,7 @@ def _unanswered(actuator: _Actuator, lost: Lost) -> Iterator[str]:
         for window in actuator.found
         if (window.start_ns, window.end_ns) not in answered
         and _had_to_answer(actuator, window)
-        and not actuator.unheard_ns(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
+        and not actuator.missed_ns(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
     ]
     if len(silent) > lost.estimates:
         ends = _some([window.end_ns for window in silent])
@@ -247,7 +247,7 @@ def _counted(actuator: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     answered = sum(
         first.count("windows") <= item.window < last.count("windows") for item in run.answers
     )
-    unseen = lost.estimates + actuator.unheard(first.sent_ns, run.last_ns)
+    unseen = lost.estimates + actuator.possibly_missed(first.sent_ns, run.last_ns)
     if counted - answered > unseen:
         yield f"{counted} windows were counted, {answered} answered, {lost.estimates} answers lost"
 
@@ -269,7 +269,7 @@ def _had_to_answer(actuator: _Actuator, window: FoundWindow) -> bool:
         heard_all = all(
             before.count(key) == after.count(key) for key in ("samples lost", "defects")
         )
-        return heard_all and window.sent_ns > run.heard_ns
+        return heard_all and window.sent_ns > run.recorded_from_ns
     return False
 
 
@@ -291,7 +291,7 @@ def _refused_health(actuator: _Actuator, lost: Lost) -> Iterator[str]:
             health.stamp_ns
             and health.sent_ns > first_ns
             and not _is_resumed(actuator, health)
-            and not actuator.unheard_ns(health.stamp_ns, health.sent_ns)
+            and not actuator.missed_ns(health.stamp_ns, health.sent_ns)
         ):
             unknown.append(health.stamp_ns)
     if len(unknown) > lost.estimates:
@@ -341,7 +341,7 @@ def _counters(actuator: _Actuator, lost: Lost) -> Iterator[str]:
         if len(statuses) < 2:
             continue
         first, last = statuses[0], statuses[-1]
-        unseen = lost.estimates + actuator.unheard(first.sent_ns, last.sent_ns)
+        unseen = lost.estimates + actuator.possibly_missed(first.sent_ns, last.sent_ns)
         for key, wanted in (("estimates valid", True), ("estimates invalid", False)):
             counted = last.count(key) - first.count(key)
             within = [
@@ -359,11 +359,11 @@ def _counters(actuator: _Actuator, lost: Lost) -> Iterator[str]:
         # A window is counted when it is dropped, but its answer waits behind earlier answers.
         if not -1 - _found_only(first) <= dropped - reported <= 1 + _found_only(last) + unseen:
             yield f"{dropped} windows dropped were counted, {reported} published"
-    stretches = _stretches(actuator.blocks, actuator.told_jumps_ns)
+    stretches = _stretches(actuator.blocks, actuator.player_jumps_ns)
     missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
     if missing > lost.telemetry:
         printed = lost.telemetry
-        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {printed}"
+        yield f"{missing} blocks are not in the bag, and the recorder reports {printed} lost"
 
 
 def _published(stretch: list[Block]) -> int:

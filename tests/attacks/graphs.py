@@ -91,7 +91,7 @@ def _begin(graph: Graph, bag: Path, actuators: int = 1) -> None:
     start_actuators(graph, names, count())
 
 
-def _goes_on(graph: Graph) -> None:
+def _wait_for_estimate(graph: Graph) -> None:
     since_s = time.time()
     graph.wait_for(lambda: graph.valid_since(since_s), "a valid estimate after the disturbance")
 
@@ -109,7 +109,7 @@ def _standstill(victim: str) -> Callable[..., None]:
         # Shorter or longer than the lease of 5 s, after which a node counts as gone.
         graph.wait(rng.uniform(1.0, 9.0))
         graph.resume(victim)
-        _goes_on(graph)
+        _wait_for_estimate(graph)
 
     return run
 
@@ -124,7 +124,7 @@ def _restart(victim: str) -> Callable[..., None]:
             graph.stop(victim)
         graph.wait(rng.uniform(0.0, 4.0))
         graph.start(victim)
-        _goes_on(graph)
+        _wait_for_estimate(graph)
 
     return run
 
@@ -138,7 +138,7 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
         graph.stop(name)
     graph.start("monitor", use_sim_time=True)
     graph.start("recorder", output=bag)
-    graph.wait_for(lambda: graph.says("/ema/monitor: lifecycle", "active"), "the monitor")
+    graph.wait_for(lambda: graph.reports("/ema/monitor: lifecycle", "active"), "the monitor")
     began_s = time.time()
     graph.start("player", bag=source, actuator_only=True, stay=True)
     graph.wait_for(lambda: graph.valid_since(began_s), "an estimate of the replay")
@@ -165,7 +165,7 @@ def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
         graph.wait(_SETTLED_S)
     silent = sorted(topic for topic, count in received.items() if not count)
     assert not silent, f"slow consumers received nothing on {', '.join(silent)}"
-    _goes_on(graph)
+    _wait_for_estimate(graph)
 
 
 @contextmanager
@@ -212,7 +212,7 @@ def _load(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
     _begin(graph, bag, _ACTUATORS)
     with _busy(_BUSY):
         graph.wait(_SETTLED_S)
-    _goes_on(graph)
+    _wait_for_estimate(graph)
 
 
 @contextmanager

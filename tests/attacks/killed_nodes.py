@@ -132,16 +132,16 @@ class NodeKills:
             answered = sorted(ends)
             self._lost_tests |= check_history(self._case, path, _UNIT, answered, self._lost_tests)
         if waits:
-            self._wait_until_told(graph, victim, observers, killed_s)
+            self._wait_until_reported(graph, victim, observers, killed_s)
         graph.check_alive()
         self._begin(graph, victim)
 
-    def _wait_until_told(
+    def _wait_until_reported(
         self, graph: Graph, victim: str, observers: list[str], since_s: float
     ) -> None:
         for name in observers:
             graph.wait_for(
-                lambda name=name: graph.says(f"/ema/{name}: peers", f"/ema/{victim}", since_s),
+                lambda name=name: graph.reports(f"/ema/{name}: peers", f"/ema/{victim}", since_s),
                 f"{name} to say that {victim} has gone",
                 _GONE_WITHIN_S,
             )
@@ -168,13 +168,13 @@ class NodeKills:
         """Play the last bag into a monitor in simulated time, and kill the player."""
         bag = str(self._bags[-1])
         graph.start("monitor", use_sim_time=True)
-        graph.wait_for(lambda: graph.says("/ema/monitor: lifecycle", "active"), "the monitor")
+        graph.wait_for(lambda: graph.reports("/ema/monitor: lifecycle", "active"), "the monitor")
         for _ in range(_PLAYER_KILLS):
             self._play(graph, bag)
             graph.wait(self._rng.uniform(0.0, _LONGEST_WAIT_S))
             observers = in_touch(graph, "player")
             killed_s = graph.kill("player")
-            self._wait_until_told(graph, "player", observers, killed_s)
+            self._wait_until_reported(graph, "player", observers, killed_s)
         self._play(graph, bag)
         for name in ("player", "monitor"):
             if (code := graph.stop(name)) != 0:

@@ -18,7 +18,7 @@ from ..waiting import started, wait_for
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["monitor", "recorder"])
-def test_memory_of_a_burst_is_given_back(tmp_path: Path, name: str):
+def test_node_releases_its_memory_after_a_burst(tmp_path: Path, name: str):
     message_class, qos = ACTUATOR_TOPICS[TELEMETRY]
     # The columns differ in length, so the node receives the message and discards it.
     large = serialize_message(message_class(command=array("d", bytes(16_000_000))))

@@ -67,7 +67,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_failure_after_good_tests_leads(opened: Path):
+def test_failure_after_healthy_tests_sets_the_level(opened: Path):
     reported = ema("predict", opened, "--json", "--hours-per-cycle", "10")
     assert reported.exit_code == 3
     health = json.loads(reported.stdout)
@@ -87,7 +87,7 @@ def test_failure_after_good_tests_leads(opened: Path):
 
 
 @pytest.mark.slow
-def test_each_window_is_of_the_unit_that_was_described_then(tmp_path: Path):
+def test_window_belongs_to_the_unit_described_at_its_time(tmp_path: Path):
     old_unit = replace(FLAP, serial_number="OLD-A")
     faults = {"friction": 0.45, "short_circuit_a": 0.4}
     write(
@@ -102,7 +102,7 @@ def test_each_window_is_of_the_unit_that_was_described_then(tmp_path: Path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("tests_of_bag", "cause"), [(1, ""), (2, ""), (2, "open_phase_a")])
-def test_different_tests_that_end_at_the_same_time_are_no_copies(
+def test_different_tests_that_end_at_the_same_time_are_not_copies(
     tmp_path: Path, tests_of_bag: int, cause: str
 ):
     worn = telemetry({"friction": 0.45}, 0.0, causes={cause: 1.0} if cause else ())
@@ -118,18 +118,20 @@ def test_different_tests_that_end_at_the_same_time_are_no_copies(
 
 
 @pytest.mark.parametrize("order", list(permutations([("a", 0), ("copy of a", 0), ("c", 1)])))
-def test_copies_of_a_test_hide_no_other_at_its_time(order: tuple[tuple[str, int], ...]):
+def test_copies_of_a_test_do_not_hide_another_test_at_the_same_time(
+    order: tuple[tuple[str, int], ...],
+):
     tests = [StampedTest(0, 10, bag, content) for bag, content in order]
     assert set(unordered(tests)) == {"a", "copy of a", "c"}
 
 
-def test_test_within_the_time_of_two_others_is_noticed():
+def test_tests_that_overlap_in_time_are_reported_as_unordered():
     times = {"a": (5, 10), "b": (20, 30), "c": (0, 100)}
     assert set(unordered([StampedTest(*times[bag], bag, bag) for bag in times])) == set(times)
 
 
 @pytest.mark.slow
-def test_units_that_were_never_tested_validly_are_counted(tmp_path: Path):
+def test_units_without_a_valid_test_are_counted(tmp_path: Path):
     for number in range(3):
         unit = replace(FLAP, serial_number=f"OTHER-{number}" if number else FLAP.serial_number)
         write(tmp_path / "bags" / f"{number}.mcap", (unit, telemetry({}, number)))
@@ -142,7 +144,7 @@ def test_units_that_were_never_tested_validly_are_counted(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_bag_of_a_fleet_is_reported_whole(tmp_path: Path):
+def test_info_reports_all_units_of_a_damaged_bag(tmp_path: Path):
     path = tmp_path / "fleet.mcap"
     units = [replace(FLAP, actuator_id=name) for name in ("left", "right")]
     write(path, *((unit, telemetry({}, 0.0)) for unit in units))

@@ -27,7 +27,7 @@ HERE = ("--executor", "threads", "--workers", "1")
 
 
 @pytest.mark.parametrize("table", ["estimates", "duty", "health", "units", "manifest.test"])
-def test_damaged_tables_are_made_again(archive: Path, table: str):
+def test_damaged_tables_are_recomputed(archive: Path, table: str):
     whole = {name: exactly(archive, name) for name in ("estimates", "duty", "health")}
     damage_rows(archive, table)
     assert "1 table damaged" in ema("archive", "status", archive).stdout
@@ -38,7 +38,7 @@ def test_damaged_tables_are_made_again(archive: Path, table: str):
     assert ema("archive", "run", archive, *HERE).stderr == ""
 
 
-def test_what_bags_that_are_gone_stated_is_named(archive: Path, fleet: Path):
+def test_missing_bags_of_damaged_tables_are_named(archive: Path, fleet: Path):
     for bag in fleet.rglob("*.mcap"):
         bag.unlink()
     assert ema("archive", "scan", archive).exit_code == 0
@@ -49,7 +49,7 @@ def test_what_bags_that_are_gone_stated_is_named(archive: Path, fleet: Path):
 
 
 @pytest.mark.parametrize("content", [b"", b"not a database" * 1000])
-def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes):
+def test_damaged_store_is_an_error_with_a_remedy(archive: Path, content: bytes):
     (archive / FILE).write_bytes(content)
     for command in ("run", "status"):
         result = ema("archive", command, archive)
@@ -58,7 +58,7 @@ def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes
         assert "scan the bags into a new archive" in result.stderr
 
 
-def test_no_flipped_byte_and_no_cut_changes_what_an_archive_states(archive: Path):
+def test_flipped_bits_and_truncation_never_change_rows_unnoticed(archive: Path):
     """Each damage is reported, or lies in a part of the file that is not read."""
     path = archive / FILE
     whole, rng = path.read_bytes(), random.Random(3)

@@ -11,7 +11,7 @@ from .soak import run as soak
 
 
 @pytest.mark.long
-def test_nodes_that_are_killed_or_stand_still_are_missed_and_continue(case_of, case_number):
+def test_killed_and_paused_nodes_are_reported_and_recover(case_of, case_number):
     case = case_of(case_number)
     NodeKills(case).run()
     assert case.failures == []

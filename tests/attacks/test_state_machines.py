@@ -15,11 +15,11 @@ STEPS = {Claimed: 30, Queue: 50, Lifecycle: 30, Prognosis: 25}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", STEPS)
-def test_a_few_walks(kind):
+def test_few_walks_keep_all_invariants(kind):
     walk(kind, SEED, 5, STEPS[kind])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", STEPS)
-def test_many_walks(kind, case_number):
+def test_many_walks_keep_all_invariants(kind, case_number):
     walk(kind, 1_000_003 * SEED + case_number, 40, STEPS[kind])

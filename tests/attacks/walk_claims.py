@@ -119,10 +119,10 @@ class Claimed(Walk):
         self.is_running = self.is_active = False
         # Unit tested last, and whether its recording is unread since then.
         self.tested, self.unread = _UNITS[0], False
-        self._come()
+        self._start_sinks()
         self._start()
 
-    def _come(self) -> None:
+    def _start_sinks(self) -> None:
         """Start a dashboard and a terminal, which receive the latched messages."""
         self.claims, self.healths = Claims(), LatestHealths()
         self.metrics, self.page = Metrics(Totals), dict[str, int]()
@@ -360,9 +360,9 @@ class Claimed(Walk):
         self._start()
 
     @rule()
-    def come(self) -> None:
+    def start_sinks(self) -> None:
         """Start another dashboard and terminal."""
-        self._come()
+        self._start_sinks()
         self._report()
 
     @precondition(lambda self: self.unread)
@@ -384,10 +384,10 @@ class Claimed(Walk):
         follow = Unit(History(name, "1"), settings).follow(ordered, None, settings)
         levels = [outlook.health.level for _, outlook in follow if outlook]
         if tests and not _is_good(tests[-1]):
-            assert levels[-1] != OK, "a command says OK"
+            assert levels[-1] != OK, "a command reports OK"
         latest = [test for test in ordered if test.valid][-3:]
         if latest and all(test.unobservable[BACKLASH] for test in latest):
-            assert levels[-1] != OK, "a command says OK of tests that hide a fault"
+            assert levels[-1] != OK, "a command reports OK of tests that hide a fault"
         self._read_report(name, ordered, levels)
 
     def _read_report(self, name: str, tests: Sequence[Estimate], levels: Sequence[int]) -> None:
@@ -402,7 +402,7 @@ class Claimed(Walk):
         verdict = verdict_of(course)
         expected = levels[-1] if levels else STALE
         assert verdict.level == expected, "the report has another level than the command"
-        assert verdict.lines[0].startswith("Well") == (expected == OK), "the report says Well"
+        assert verdict.lines[0].startswith("Well") == (expected == OK), "Well in the report"
 
     def _read_archive(self, name: str) -> None:
         tests = self.reported[name]
@@ -422,7 +422,7 @@ class Claimed(Walk):
         [level] = result.tables["units"]["level"].to_pylist()
         stamped = (StampedTest(test.start_ns, test.end_ns, "bag", "bag") for test in tests)
         if not tests or unordered(stamped) or not _is_good(tests[-1]):
-            assert level != OK, "an archive says OK"
+            assert level != OK, "an archive reports OK"
 
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(name=st.sampled_from(_UNITS))
@@ -433,7 +433,7 @@ class Claimed(Walk):
             outlook = self.actuators[name].health.worth(
                 unit.outlook(None, _SETTINGS[name]), self._moment()
             )
-            assert self._knows(name) or outlook.health.level != OK, "a prediction says OK"
+            assert self._knows(name) or outlook.health.level != OK, "a prediction reports OK"
 
     def _knows(self, name: str) -> bool:
         """Return whether there is evidence that a unit is OK."""
@@ -443,7 +443,7 @@ class Claimed(Walk):
         return self.is_active and is_good and self.clock_s - since_s <= _LIMIT_S
 
     @invariant()
-    def nobody_says_ok_who_does_not_know(self) -> None:
+    def ok_needs_evidence(self) -> None:
         """Check the levels of each unit in all sinks, which must agree."""
         levels = self._levels()
         for name in _UNITS:
@@ -451,7 +451,7 @@ class Claimed(Walk):
                 printed = [
                     sink for (unit, sink), level in levels.items() if (unit, level) == (name, OK)
                 ]
-                assert printed == [], f"{name} is said to be OK by {', '.join(printed)}"
+                assert printed == [], f"{name} is reported as OK by {', '.join(printed)}"
         for name, health in self.latched.items():
             # A unit with a warning has no index of 1.
             assert health.level not in (WARN, ERROR) or not health.health_index > 0.99

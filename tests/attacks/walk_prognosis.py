@@ -79,7 +79,7 @@ class Prognosis(Walk):
         self._test("right", valid=False)
 
     @rule(valid=st.booleans())
-    def come_late(self, *, valid: bool) -> None:
+    def report_late(self, *, valid: bool) -> None:
         """Report a test after a later one: the newest test still sets the level."""
         held = self._test("right", valid=valid, held=True)
         self._test("right")
@@ -150,7 +150,7 @@ class Prognosis(Walk):
         assert not self.prognostics.history.problem, self.prognostics.history.problem
         assert len(self.prognostics.history.entries) == tests, "tests are lost"
         resumed = self.prognostics.resume(None, _SETTINGS)
-        assert _said(resumed) == _said(self.outlook), "another outlook after a restart"
+        assert _text(resumed) == _text(self.outlook), "another outlook after a restart"
 
     @rule()
     def replay(self) -> None:
@@ -160,7 +160,7 @@ class Prognosis(Walk):
         for estimate, count in self.reported:
             last = twin.update(estimate, None, _SETTINGS, count) or last
         now = self.prognostics.resume(None, _SETTINGS)
-        assert _said(last) == _said(now), "a replay says something else"
+        assert _text(last) == _text(now), "a replay gives another outlook"
 
     @invariant()
     def hours_never_go_back(self) -> None:
@@ -184,6 +184,6 @@ def _claim(outlook: Outlook | None) -> object:
     return outlook and outlook.claim._replace(oldest_ns=0)
 
 
-def _said(outlook: Outlook | None) -> str:
+def _text(outlook: Outlook | None) -> str:
     """Return an outlook without its events as a text, with all digits."""
     return repr(outlook and replace(outlook, events=()))

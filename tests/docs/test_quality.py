@@ -43,6 +43,6 @@ def test_package_declares_its_interface_and_tests(package):
 
 
 @pytest.mark.parametrize("place", ["*.md", "docs/*.md"])
-def test_links_of_the_documents_lead_somewhere(place):
+def test_links_of_the_documents_are_valid(place):
     for document in ROOT.glob(place):
         check_links(document)

@@ -109,7 +109,7 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_python_in_the_document_does_what_it_shows(workplace, name):
+def test_python_in_the_document_prints_the_shown_output(workplace, name):
     names: dict[str, object] = {}
     for snippet in snippets(ROOT / name, "python"):
         printed = io.StringIO()
@@ -122,13 +122,13 @@ def test_python_in_the_document_does_what_it_shows(workplace, name):
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, name):
+def test_shell_commands_in_the_document_print_the_shown_output(workplace, quick_ema, name):
     run_shell(name, snippets(ROOT / name, "sh"), quick_ema)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["docs/first-diagnosis.md", "docs/plan-a-test.md"])
-def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema, name):
+def test_long_shell_commands_print_the_shown_output(workplace, quick_ema, name):
     """They run with the commands before them, whose files they need."""
     blocks = snippets(ROOT / name, "sh", with_long=True)
     assert len(blocks) > len(snippets(ROOT / name, "sh"))
@@ -166,7 +166,7 @@ def test_blocks_are_found_and_run(name, kind, least):
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_every_block_states_what_it_is(name):
+def test_every_block_states_its_language(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     kinds = re.findall(r"^```(\w*)$", text, re.MULTILINE)[::2]
     assert set(kinds) <= {"python", "sh", "text", "yaml", "mermaid"}

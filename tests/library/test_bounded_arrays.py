@@ -51,7 +51,9 @@ def cycle_of(command: Command, period: float, **parameters: float) -> Callable[[
         ),
     ],
 )
-def test_what_would_take_all_memory_is_refused_by_name(call: Callable[[], Any], named: str):
+def test_description_that_needs_too_much_memory_is_refused_by_name(
+    call: Callable[[], Any], named: str
+):
     def refused() -> None:
         with pytest.raises(ValueError, match=named):
             call()
@@ -60,7 +62,7 @@ def test_what_would_take_all_memory_is_refused_by_name(call: Callable[[], Any], 
 
 
 @pytest.mark.slow
-def test_just_within_the_bound_there_is_little_more_than_it():
+def test_memory_just_within_the_bound_hardly_exceeds_it():
     """The bound is in bytes; here it corresponds to 200 s at 100 kHz."""
     command = Command("step", duration=160.0)
     assert peak_bytes(lambda: build_cycle(command, 1e-5)) < 4 * MOST_BYTES

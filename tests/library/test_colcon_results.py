@@ -44,14 +44,14 @@ def test_package_without_tests_is_named(tmp_path: Path, tests: dict[str, int]):
     assert result.stderr.startswith("colcon test has run no test of ema_core: each of the 11 ")
 
 
-def test_call_of_pytest_by_ctest_is_no_test(tmp_path: Path):
+def test_call_of_pytest_by_ctest_does_not_count_as_a_test(tmp_path: Path):
     results = colcon_results(tmp_path, dict.fromkeys(FOLDERS, 1))
     called = results.replace("ema_interfaces/pytest.xml", "ema_interfaces/Testing/1/Test.xml")
     assert called != results
     assert "no test of ema_interfaces:" in checked(called).stderr
 
 
-def test_no_results_at_all_name_every_package(tmp_path: Path):
+def test_without_results_every_package_is_named(tmp_path: Path):
     result = checked(colcon_results(tmp_path, {}))
     assert result.returncode == 1
     assert all(package in result.stderr for package in FOLDERS)

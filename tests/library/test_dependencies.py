@@ -180,7 +180,7 @@ def not_in_both(runtime: str) -> set[str]:
     return {name for name in required if not name.startswith("ema_")} ^ (pinned - {"lz4"})
 
 
-def test_runtime_requirements_are_those_of_the_packages():
+def test_runtime_requirements_equal_the_requirements_of_packages():
     assert not_in_both(RUNTIME.read_text(encoding="utf-8")) == NOT_LISTED
 
 
@@ -192,7 +192,7 @@ def test_runtime_requirement_that_differs_is_named(line: str, other: str):
     assert not_in_both(text.replace(line, other)) == NOT_LISTED | names
 
 
-def test_bounds_of_a_workspace_are_within_those_of_the_packages():
+def test_bounds_of_a_workspace_are_within_the_bounds_of_packages():
     bounds = {
         item.name: item.specifier for name in PACKAGES for item in requirements(FOLDERS[name])
     }
@@ -221,7 +221,7 @@ def test_clone_in_a_workspace_has_each_package_once():
 
 @pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")
 @pytest.mark.parametrize("package", FOLDERS)
-def test_package_has_a_changelog_that_a_release_takes(package, tmp_path):
+def test_package_has_a_changelog_that_release_tools_accept(package, tmp_path):
     copy = tmp_path / "CHANGELOG.rst"
     changelog = get_changelog_from_path(str(FOLDERS[package]))
     assert changelog is not None

@@ -95,7 +95,7 @@ def test_contract_fails_on_a_circle(broken):
     assert "No cycles are allowed in ema_sim." in broken[CIRCLES]
 
 
-def test_contracts_are_about_all_packages_and_tested():
+def test_contracts_cover_all_packages_and_are_tested():
     assert set(SETTINGS["tool"]["importlinter"]["root_packages"]) == PACKAGES
     layered = {name for layer in CONTRACTS[LAYERS]["layers"] for name in layer.split(" | ")}
     assert layered == PACKAGES

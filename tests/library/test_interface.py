@@ -57,7 +57,7 @@ def test_estimates_make_a_table(estimate):
     assert table.verdict.tolist() == [estimate.verdict] * 2
 
 
-def test_recorded_windows_are_those_of_the_bag():
+def test_recorded_windows_equal_the_windows_in_the_telemetry():
     recorded = read_windows(SAMPLE)
     [window] = recorded.usable
     assert str(recorded).splitlines()[1].endswith("usable")
@@ -72,7 +72,7 @@ def test_stretch_that_cannot_be_used_gives_a_warning():
         assert ema_monitor.find_windows(telemetry.part(0, 9000)) == []
 
 
-def test_calibration_prints_what_it_found():
+def test_calibration_prints_its_windows_and_lift():
     windows = ema_monitor.find_windows(ema_sim.simulate(cycles=2, current_noise=0.02))
     assert "from 2 windows, lift 0.1" in str(ema_monitor.calibrate(windows))
 
@@ -176,7 +176,7 @@ def test_interface_can_be_imported_as_a_whole_and_has_a_version(package):
 
 
 @pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_bags])
-def test_interface_lists_what_it_offers(package):
+def test_dir_lists_the_documented_public_names(package):
     names = dir(package)
     assert names == sorted(names)
     for name in names:
@@ -185,7 +185,7 @@ def test_interface_lists_what_it_offers(package):
         package.nothing  # noqa: B018
 
 
-def test_importing_the_packages_imports_no_library():
+def test_importing_the_packages_imports_no_large_library():
     listed = subprocess.run(
         [
             sys.executable,

@@ -36,7 +36,7 @@ def parts(folder: Path) -> list[str]:
     return re.findall(r"ament_add_pytest_test\(\w+ \$\{TESTS\}/(\S+)\)", text)
 
 
-def test_shared_files_are_those_that_the_tool_writes(package_files):
+def test_shared_files_are_up_to_date(package_files):
     outdated = [
         path
         for path, content in package_files.files().items()
@@ -118,7 +118,7 @@ def test_colcon_finds_tests(package):
         assert extras["test"][:2] == ["pytest>=9,<10", "pytest-xdist>=3.8,<4"]
 
 
-def test_each_folder_of_tests_is_of_a_package():
+def test_each_folder_of_tests_belongs_to_a_package():
     folders = {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")}
     run = {part.partition("/")[0] for folder in FOLDERS.values() for part in parts(folder)}
     assert folders - OF_ALL_PACKAGES == run

@@ -19,7 +19,7 @@ from ema_core.simd import LANES, MASK, VECTOR, load, store
 from ..packages import FOLDERS
 
 
-def test_no_other_file_uses_what_is_private():
+def test_only_three_files_use_private_interfaces():
     private = re.compile(
         r"rclpy\._|numba\.core|cgutils|\b(?:self|node|executor)\._(?:take_\w*subscription"
         r"|state_machine|service_change_state|parameter_overrides)\b"
@@ -34,7 +34,7 @@ def test_no_other_file_uses_what_is_private():
 
 
 @pytest.mark.parametrize("number", [types.float64, types.float32, types.int64, types.intp])
-def test_numba_asks_a_vector_what_becomes_one(number: types.Type):
+def test_numbers_convert_to_a_vector_and_not_back(number: types.Type):
     context = Context()
     assert context.can_convert(number, VECTOR) == Conversion.safe
     for kind in (MASK, types.unicode_type, types.Array(types.float64, 1, "C")):
@@ -47,7 +47,7 @@ def test_conversion_ranks_a_vector_after_the_number_itself():
     assert Conversion.exact < Conversion.promote < Conversion.safe < Conversion.unsafe
 
 
-def test_sum_of_numbers_stays_one_and_is_converted_next_to_a_vector():
+def test_sum_of_numbers_stays_a_number_until_added_to_a_vector():
     @numba.njit
     def sums(values, increment, result):
         number = increment + 1

@@ -193,7 +193,7 @@ class Graph:
             code = process.poll()
             assert code is None, f"{name} has ended by itself with code {code}"
 
-    def says(self, status: str, text: str, since_s: float = 0.0) -> bool:
+    def reports(self, status: str, text: str, since_s: float = 0.0) -> bool:
         """Return whether a status contains a text in its message and came after a time [s]."""
         latest = self.status.get(status)
         return latest is not None and latest.came_s > since_s and text in latest.message

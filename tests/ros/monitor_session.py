@@ -111,7 +111,7 @@ class MonitorSession(Probe):
             "the description",
         )
 
-    def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:
+    def describe_latched(self, description: ActuatorDescription) -> None:
         """Publish a latched description by another publisher, as another actuator does."""
         message_class, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
         publisher = self.probe.create_publisher(message_class, topics.DESCRIPTION, qos)

@@ -125,7 +125,7 @@ def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
     ]
 
 
-def test_samples_are_those_of_the_bench_with_these_settings(real_time):
+def test_samples_equal_the_samples_of_the_bench(real_time):
     description = ActuatorDescription()
     twin = ActuatorBench(
         description,
@@ -162,7 +162,7 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
     assert max(abs(joint.effort[0]) for joint in joints.values()) > 1.0
 
 
-def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
+def test_late_subscriber_receives_description_usage_and_faults(real_time):
     [description] = real_time.received("late actuator_description")
     # The description has the nominal parameters: the monitor has to find the resistance.
     assert description_from_message(description) == ActuatorDescription()
@@ -225,7 +225,7 @@ def test_command_is_set_from_the_next_cycle_on():
     np.testing.assert_array_equal(join(cycle).command[len(expected) :], np.zeros(500))
 
 
-def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_clock():
+def test_impossible_faults_are_refused_and_simulated_time_is_published():
     """The simulation runs at four times real time."""
     healthy, wrong = (faults_to_message(healthy_faults()) for _ in range(2))
     wrong.friction = 1.5
@@ -254,7 +254,7 @@ def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_cloc
         assert clocks() == sorted(clocks())
 
 
-def test_it_states_once_that_it_cannot_keep_up_and_by_how_much(capfd):
+def test_lag_is_logged_once_and_quantified_in_the_status(capfd):
     with running(rate=100.0, block_s=2e-3) as listener:
         listener.until(lambda: len(listener.received("simulated_faults")) >= 3)
         worst = listener.until(
@@ -269,7 +269,7 @@ def test_it_states_once_that_it_cannot_keep_up_and_by_how_much(capfd):
     assert capfd.readouterr().err.count("cannot keep up") == 1
 
 
-def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
+def test_reactivated_node_begins_a_new_cycle():
     # The pause is so long that no other cycle starts by itself.
     with running(pause_s=20.0) as listener:
         listener.until(lambda: len(listener.received("telemetry")) > 5)
@@ -333,7 +333,7 @@ def test_impossible_parameter_is_refused_by_name(name, value, parts):
         assert part in message
 
 
-def test_described_actuator_is_the_nominal_plant(tmp_path):
+def test_description_file_defines_the_nominal_plant(tmp_path):
     file = tmp_path / "slat.yaml"
     file.write_text("actuator_id: slat\nserial_number: S-7\nparameters: {R_s: 1.9, P: 4}\n")
     with running(actuator_file=str(file)) as listener:

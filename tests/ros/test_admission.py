@@ -20,14 +20,14 @@ def admission(
     return Admission(Selection(actuators), shard or Shard(), cast(Any, operation))
 
 
-def test_shard_of_an_actuator_is_the_same_for_ever():
+def test_shard_of_an_actuator_never_changes():
     # Computed from `hashlib.blake2b(name.encode(), digest_size=8)`, as a big-endian number.
     assert [shard_of(name, 4) for name in ("flap", "left", "Klappe links")] == [2, 3, 1]
     assert shard_of("flap", 1) == 0
 
 
 @pytest.mark.parametrize("count", [2, 4])
-def test_every_actuator_is_of_one_shard_and_shards_are_about_equal(count):
+def test_every_actuator_is_in_one_shard_and_shards_are_about_equal(count):
     shards = [Shard(index, count) for index in range(count)]
     owners = [[shard.has(name) for shard in shards].index(True) for name in NAMES]
     assert all(sum(shard.has(name) for shard in shards) == 1 for name in NAMES)
@@ -98,7 +98,7 @@ def test_unmonitored_actuators_with_measured_causes_are_named_for_a_minute():
 
 
 @pytest.mark.parametrize("listed", [(), NAMES[:6]])
-def test_measured_causes_of_other_shards_are_named_in_no_monitor(listed: tuple[str, ...]):
+def test_no_monitor_warns_of_measured_causes_of_other_shards(listed: tuple[str, ...]):
     for index in range(2):
         shard = Shard(index, 2)
         made = admission(listed, shard)
@@ -109,13 +109,13 @@ def test_measured_causes_of_other_shards_are_named_in_no_monitor(listed: tuple[s
         assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
 
 
-def test_more_listed_than_may_be_followed_are_refused():
+def test_list_longer_than_the_limit_is_refused():
     made = admission(("a", "b", "c"), most=2)
     with pytest.raises(ValueError, match="actuators lists 3 of shard 0 of 1: expected at most mos"):
         made.check()
 
 
-def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
+def test_actuator_beyond_the_limit_is_refused_once_and_counted():
     made = admission(most=2)
     followed = {"a": 0.0, "b": 0.0}
     assert made.refuse("b", {"a": 0.0}) is None

@@ -92,7 +92,9 @@ def test_robot_with_joint_states_is_estimated_live(mapping_file, tmp_path):
         graph.start("bridge", mapping_file=mapping_file())
         for name in ("monitor", "bridge"):
             status = f"/ema/{name}: lifecycle"
-            graph.wait_for(lambda status=status: graph.says(status, "active"), f"{name} is active")
+            graph.wait_for(
+                lambda status=status: graph.reports(status, "active"), f"{name} is active"
+            )
         states = graph.node.create_publisher(JointState, STATES, 5000)
         commands = graph.node.create_publisher(Float64MultiArray, "/command", 5000)
         for publisher in (states, commands):
@@ -216,7 +218,7 @@ def test_temperature_of_a_topic_is_published_as_a_measured_cause(graph, mapping_
     assert checked_causes(causes)[0].sigma == 2.0
 
 
-def test_bridge_that_is_activated_again_continues(session):
+def test_reactivated_bridge_continues(session):
     session.publish_until(lambda: session.blocks, "the first block")
     assert session.bridge.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
     count = len(session.descriptions)
@@ -224,7 +226,7 @@ def test_bridge_that_is_activated_again_continues(session):
     session.publish_until(lambda: len(session.descriptions) > count, "a description")
 
 
-def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(session):
+def test_column_that_becomes_nan_is_an_error_even_if_accepted(session):
     session.step_s = 0.01
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
     session.publish_until(lambda: session.task("mapping").level == ERROR, "the error", math.nan)
@@ -240,9 +242,7 @@ def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(sessi
     assert session.task("input").level == ERROR
 
 
-def test_defect_that_more_motion_may_refute_is_a_warning_that_withholds_nothing(
-    session, monkeypatch
-):
+def test_uncertain_defect_is_a_warning_and_withholds_no_telemetry(session, monkeypatch):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
     defect = InputDefect("speed_unit", "rpm was meant", "speed: {unit: rpm}", is_certain=False)
     monkeypatch.setattr(Bridge, "uncertain", property(lambda _: [defect]))
@@ -260,7 +260,7 @@ def test_defect_that_more_motion_may_refute_is_a_warning_that_withholds_nothing(
     ("needs_action", "accept", "level"),
     [(True, (), WARN), (True, ("command_position",), OK), (False, (), OK)],
 )
-def test_note_is_a_warning_only_while_it_asks_for_something(
+def test_note_is_a_warning_only_while_it_needs_action(
     session, monkeypatch, needs_action, accept, level
 ):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
@@ -367,7 +367,7 @@ def test_silent_topics_are_named_and_their_rates_fall(session):
     session.publish_until(lambda: session.task("input").level == OK, "OK")
 
 
-def test_sensor_that_is_silent_is_a_warning_though_its_value_is_held(graph, mapping_file):
+def test_silent_sensor_is_a_warning_although_its_value_is_held(graph, mapping_file):
     mapping = mapping_file(command=HELD, current=HELD, accept=["current_sign_reversed"])
     session = Session(graph, mapping)
     session.publish_until(lambda: session.task("input").level == OK and session.blocks, "OK")
@@ -406,7 +406,7 @@ def test_rate_that_cannot_be_learned_is_an_error_with_reason_and_remedy(session)
     assert "do not increase: expected increasing stamps: set clock.source" in message
 
 
-def test_position_that_is_not_in_the_messages_any_more_is_an_error_with_the_reason(session):
+def test_position_that_disappears_from_messages_is_an_error(session):
     session.publish_until(lambda: session.blocks, "blocks")
     session.joint = "wing"
     session.publish_until(lambda: session.task("input").level == ERROR, "the error")
@@ -532,7 +532,7 @@ def test_joints_beyond_the_limit_are_named_and_not_bridged(graph: Spinning):
     assert {item.actuator_id for item in robots.blocks} == {"elbow"}
 
 
-def test_joint_whose_topic_dies_goes_on_from_another(graph: Spinning):
+def test_joint_continues_from_another_topic_if_its_topic_dies(graph: Spinning):
     robots = Robots(graph)
     robots.robots = {"/joint_states": ["elbow"], "/raw_joint_states": ["elbow"]}
     robots.wait_for_blocks({"elbow"})
@@ -579,7 +579,7 @@ def test_joint_without_effort_is_bridged_and_named(graph: Spinning):
     wait_for(lambda: (robots.publish(), robots.joints.level == OK)[1], "all joints with effort")
 
 
-def test_bridge_without_joint_states_states_so(graph: Spinning):
+def test_bridge_without_joint_states_warns(graph: Spinning):
     bridge = graph.managed(BridgeNode)
     assert bridge.bring_up()
     [task] = bridge.tasks()

@@ -185,7 +185,7 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, va
         nodes_of(name, **wrong)
 
 
-def test_rosbag2_receives_the_quality_of_service_of_each_topic_with_a_depth_that_loses_none():
+def test_rosbag2_uses_the_quality_of_service_of_each_topic_with_depth_1000():
     file = FOLDERS["ema_bringup"] / "config" / "record_qos.yaml"
     offered = ACTUATOR_TOPICS | MONITOR_TOPICS | PLAYER_TOPICS | NODE_TOPICS
     reported = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -263,7 +263,7 @@ def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_parameter_file_may_be_another_one(tmp_path):
+def test_parameter_file_can_be_replaced(tmp_path):
     file = str(tmp_path / "own.yaml")
     Path(file).touch()
     nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params=file)
@@ -283,9 +283,7 @@ def test_fleet_is_actuators_on_the_topics_of_one_monitor():
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize("name", ["fleet.launch.py", "monitor.launch.py"])
-def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each(
-    name, tmp_path, monkeypatch
-):
+def test_each_monitor_of_several_has_a_name_a_shard_and_a_file(name, tmp_path, monkeypatch):
     at_exit = []
     monkeypatch.setattr(
         atexit, "register", lambda *call, **options: at_exit.append((call, options))
@@ -350,7 +348,7 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
         actuator_commands(["left wing"], common)
 
 
-def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tmp_path):
+def test_parameter_file_of_the_user_overrides_the_simulated_monitors(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
     simulated = parameter_file("simulated")
@@ -417,7 +415,7 @@ def test_demo_makes_two_joints_of_the_robot_wear():
     assert wear == {"wear.elbow": 0.03, "wear.wrist_2": 0.015}
 
 
-def test_aggregator_sorts_every_status_and_leaves_none_over():
+def test_aggregator_sorts_every_status():
     [node] = yaml.safe_load(parameter_file("aggregator").read_text()).values()
     analyzers = node["ros__parameters"]["ema"]["analyzers"]
     patterns = {name: analyzer["regex"] for name, analyzer in analyzers.items()}

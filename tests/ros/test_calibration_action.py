@@ -38,7 +38,7 @@ def rejections(session: MonitorSession) -> str:
     return task.values["goal rejected"]
 
 
-def test_feedback_counts_healthy_windows_and_names_what_was_wrong(
+def test_feedback_counts_healthy_windows_and_names_refused_ones(
     session: MonitorSession, tmp_path: Path
 ):
     goal, source = calibrate(session, windows=2), Source()
@@ -59,7 +59,7 @@ def test_feedback_counts_healthy_windows_and_names_what_was_wrong(
     assert ["gap" in item.refused for item in goal.feedback] == [False, True, False, False]
 
 
-def test_cancelled_calibration_changes_nothing_and_makes_room(
+def test_cancelled_calibration_changes_nothing_and_allows_another(
     session: MonitorSession, tmp_path: Path
 ):
     goal, source = calibrate(session, windows=2), Source()

@@ -47,7 +47,7 @@ def never_silent(_place: str, _author: str) -> bool:
 
 
 @pytest.mark.parametrize("step_s", [0, -5, -3600])
-def test_level_of_a_monitor_expires_regardless_of_what_its_clock_does(step_s: int):
+def test_level_of_a_monitor_expires_regardless_of_steps_of_its_clock(step_s: int):
     actuator, published = judged()
     for passed_s in range(1, 40):
         now = Moment(FIRST_NS + (passed_s + step_s) * S, (1000 + passed_s) * S)
@@ -80,7 +80,7 @@ def test_step_of_the_clock_is_noticed_and_a_slow_adjustment_is_not():
     assert steps == [0.0, 0.0, 0.0, 0.0, 41.0, 0.0]
 
 
-def test_simulated_time_that_goes_back_does_not_go_back_for_claims():
+def test_time_of_claims_never_goes_back_with_simulated_time():
     times = iter([0, 0, 500, 510, 100, 140, 0])
     clock = ReceiverClock(lambda: next(times) * S, is_simulated=True)
     read = [clock.read() for _ in range(7)]
@@ -88,7 +88,7 @@ def test_simulated_time_that_goes_back_does_not_go_back_for_claims():
     assert [back_ns // S for _, back_ns in read] == [0, 0, 0, 0, 410, 0, 140]
 
 
-def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
+def test_level_ends_when_the_clock_goes_back():
     actuator, published = judged()
     moment = Moment(FIRST_NS + S, 1001 * S)
     actuator.expire(30.0, moment)
@@ -98,7 +98,7 @@ def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
 
 
 @pytest.mark.parametrize("behind_s", [0, 3600])
-def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behind_s: int):
+def test_shown_health_expires_regardless_of_steps_of_the_clock(behind_s: int):
     """The receiver's clock goes back after, or before, the health is received."""
     _, [health] = judged()
     healths, claims = LatestHealths(), Claims()
@@ -115,7 +115,7 @@ def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behi
     assert levels == [(OK, OK)] * 3 + [(STALE, STALE)]
 
 
-def test_simulated_time_alone_ends_claims_of_simulated_time():
+def test_claims_in_simulated_time_end_by_simulated_time_only():
     health = Health(level=OK, good_until=stamp_to_message(30 * S), measured=stamp_to_message(0))
     received = Received.at(health, 0, 100.0)
     assert received.ended_s(10 * S, 1000.0, is_real=False) < 0.0 < received.ended_s(10 * S, 1000.0)

@@ -54,7 +54,7 @@ def test_first_windows_with_an_empty_cache_are_all_answered(graph: Graph, start_
 
 
 @pytest.mark.slow
-def test_monitor_that_compiles_ends_when_it_is_asked_to(graph: Graph, start_cold):
+def test_monitor_ends_on_request_while_it_compiles(graph: Graph, start_cold):
     start_cold()
     asked_s = time.monotonic()
     assert graph.stop("monitor", signal.SIGINT) == 0

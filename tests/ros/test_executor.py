@@ -54,7 +54,7 @@ def test_messages_are_received_in_order_while_a_service_waits(context, make_node
     assert len(begun) == 2
 
 
-def test_messages_that_have_come_are_received_in_a_row_but_not_without_end(context, make_node):
+def test_waiting_messages_are_received_in_bounded_batches(context, make_node):
     """Waiting again for each message would take longer than receiving it."""
     node, peer = make_node("slow"), make_node("peer")
     received: list[int] = []

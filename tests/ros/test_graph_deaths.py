@@ -12,10 +12,10 @@ from .graph import Graph
 
 
 @pytest.mark.slow
-def test_killed_nodes_are_missed_and_may_come_back_and_signals_end_all(tmp_path: Path):
+def test_killed_nodes_are_reported_may_restart_and_signals_end_all(tmp_path: Path):
     def wait_for_peers(*texts: str) -> None:
         name = "/ema/actuator: peers"
-        graph.wait_for(lambda: all(graph.says(name, text) for text in texts), f"{name}: {texts}")
+        graph.wait_for(lambda: all(graph.reports(name, text) for text in texts), f"{name}: {texts}")
 
     with Graph(tmp_path / "graph") as graph:
         graph.start("recorder", output=tmp_path / "killed")

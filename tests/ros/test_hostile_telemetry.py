@@ -38,7 +38,7 @@ def hostile(rng: random.Random) -> TelemetryBlock:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("windows", ["test_cycle", "any_motion"])
-def test_hostile_telemetry_makes_no_traceback_and_harms_no_later_window(
+def test_hostile_telemetry_causes_no_traceback_and_affects_no_later_window(
     capfd: pytest.CaptureFixture[str], windows: str
 ):
     rng, source = random.Random(17), Source()
@@ -60,7 +60,7 @@ def test_hostile_telemetry_makes_no_traceback_and_harms_no_later_window(
     assert "failed" not in text
 
 
-def test_bytes_that_are_no_message_are_passed_over(capfd: pytest.CaptureFixture[str]):
+def test_malformed_serialised_messages_are_ignored(capfd: pytest.CaptureFixture[str]):
     whole = serialize_message(hostile(random.Random(1)))
     torn = [whole[:size] for size in (1, 3, 4, 5, 8, 20, len(whole) - 9)]
     # Lengths of sequences and texts that exceed the data.

@@ -109,9 +109,7 @@ def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     event.set()
 
 
-def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceback(
-    published: Published,
-):
+def test_settings_unsuitable_for_motion_are_named_without_a_traceback(published: Published):
     published.settings.search.value = SearchSettings(fitness="least_squares")
     worker = published.worker()
     worker.start()
@@ -123,7 +121,7 @@ def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceb
 
 
 @pytest.mark.parametrize("how", [SystemExit, MemoryError], ids=lambda how: how.__name__)
-def test_thread_that_ends_refuses_its_window_is_reported_and_begun_again(
+def test_thread_that_ends_refuses_its_window_and_is_restarted(
     published: Published, monkeypatch: pytest.MonkeyPatch, how: type[BaseException]
 ):
     monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.2)

@@ -32,7 +32,9 @@ def test_program_that_is_interrupted_while_it_imports_ends_without_a_traceback(n
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_each_node_goes_round_twice(graph: Spinning, tmp_path: Path, capfd: Any, name: str):
+def test_each_node_passes_all_transitions_twice(
+    graph: Spinning, tmp_path: Path, capfd: Any, name: str
+):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(JOINT_STATE))
     parameters: dict[str, Any] = {

@@ -72,9 +72,7 @@ def until_seen(liveliness: MonitorLiveliness, *names: str) -> None:
 
 
 @pytest.mark.slow
-def test_monitor_that_stands_still_or_is_killed_is_silent_though_others_speak_for_it(
-    graph: Spinning, start: Start
-):
+def test_paused_or_killed_monitor_is_silent_despite_forged_statuses(graph: Spinning, start: Start):
     liveliness = listening(graph)
     process = start(FIRST)
     until_seen(liveliness, FIRST)
@@ -98,7 +96,7 @@ def test_monitor_that_stands_still_or_is_killed_is_silent_though_others_speak_fo
 
 
 @pytest.mark.slow
-def test_of_several_monitors_the_one_that_is_killed_is_silent(graph: Spinning, start: Start):
+def test_only_the_killed_monitor_of_several_is_silent(graph: Spinning, start: Start):
     liveliness = listening(graph)
     first, second = start(FIRST), start(SECOND)
     until_seen(liveliness, FIRST, SECOND)
@@ -108,7 +106,7 @@ def test_of_several_monitors_the_one_that_is_killed_is_silent(graph: Spinning, s
     until_silent(liveliness, FIRST, SECOND)
 
 
-def test_player_speaks_for_every_monitor_while_it_plays(graph: Spinning):
+def test_player_keeps_every_monitor_alive_while_it_plays(graph: Spinning):
     liveliness = listening(graph)
     monitor, player = graph.node("monitor"), graph.node("player")
     published = monitor.create_publisher(Health, HEALTH, ALIVE)

@@ -138,7 +138,7 @@ def test_status_is_reported_in_every_state(graph: Spinning):
 
 
 @pytest.mark.parametrize("step", ["configure", "deactivate", "clean_up"])
-def test_step_that_fails_releases_all_and_the_node_can_begin_again(make_recorded, step: str):
+def test_failed_step_releases_everything_and_the_node_can_restart(make_recorded, step: str):
     node = make_recorded()
     before = len(entities_of(node))
     node.made = lambda: (
@@ -230,7 +230,7 @@ def test_shutdown_by_another_node_ends_the_process_in_each_state(graph: Spinning
             assert process.wait(DEADLINE_S) == 0
 
 
-def test_parameter_of_another_name_is_reported_with_the_one_that_may_be_meant(make_recorded, capfd):
+def test_unknown_parameter_is_reported_with_a_similar_name(make_recorded, capfd):
     node = make_recorded(parameters={"use_sim_tme": True, "use_time": "red"})
     assert node.bring_up()
     reported = capfd.readouterr().err
@@ -241,21 +241,21 @@ def test_parameter_of_another_name_is_reported_with_the_one_that_may_be_meant(ma
     assert "use_time is not declared by this node and has no effect\n" in reported
 
 
-def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: Spinning):
+def test_status_has_the_time_of_the_machine_without_a_clock(graph: Spinning):
     node = graph.add(Recorded(parameters={"use_sim_time": True}, context=graph.context))
     seen = graph.listen(DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
     wait_for(lambda: node.report() or seen, "the status")
     assert abs(seen[0].header.stamp.sec - time.time()) < 60.0
 
 
-def test_node_is_where_it_is_started_by_default_in_the_root(make_node):
+def test_namespace_of_a_node_is_the_root_by_default(make_node):
     node = make_node(kind=Recorded, namespace=None)
     assert node.get_fully_qualified_name() == "/recorded"
     node = make_node(kind=Recorded, cli_args=["--ros-args", "-r", "__ns:=/left"])
     assert node.get_fully_qualified_name() == "/left/recorded"
 
 
-def test_unit_has_one_name_in_every_namespace_that_its_telemetry_is_remapped_from(make_recorded):
+def test_unit_has_the_namespace_that_its_telemetry_is_remapped_to(make_recorded):
     remapped = ["--ros-args", "-r", "__ns:=/ema/flap", "-r", "telemetry:=/ema/telemetry"]
     nodes = [make_recorded(cli_args=remapped), make_recorded()]
     assert [node.unit_namespace for node in nodes] == ["/ema", "/ema"]

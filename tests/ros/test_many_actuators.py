@@ -44,11 +44,11 @@ def get_history(session: MonitorSession, actuator_id: str, node: str = "monitor"
     return session.call(GetHistory, f"/ema/{node}/get_history", request)
 
 
-def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
+def test_actuator_beyond_the_limit_is_followed_after_the_limit_is_raised():
     with monitor({"most_actuators": 1}) as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
-        session.describe_from_a_node_of_its_own(described("tab"))
+        session.describe_latched(described("tab"))
         blocks = Source().cycle()
         session.feed(blocks[:2], "tab")
         session.until_status(
@@ -67,11 +67,11 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         assert not {"flap telemetry", "lifecycle"} & changed
 
 
-def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
+def test_only_listed_actuators_are_followed_and_silent_ones_are_reported():
     with monitor({"actuators": ["flap", "rudder"]}) as session:
         session.until_status("rudder telemetry", "listed, but nothing received", bytes([WARN]))
         blocks = Source().cycle()
-        session.describe_from_a_node_of_its_own(described("tab"))
+        session.describe_latched(described("tab"))
         session.feed(blocks[:2], "tab")
         session.describe()
         session.feed(blocks[:2])
@@ -105,7 +105,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         wait_for_match(second_node, *(session._publishers[name] for name in arrived))
         session.subscribe(Health, topics.HEALTH, topics.LATCHED_BY_MANY, key="all")
         for name in names:
-            session.describe_from_a_node_of_its_own(described(name))
+            session.describe_latched(described(name))
             session.feed(Source().cycle(), name)
         session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4

@@ -128,7 +128,7 @@ def loads(causes: Any) -> list[tuple[str, float, str]]:
     return [(cause.name, cause.value, cause.unit) for cause in causes]
 
 
-def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[FaultEstimate]):
+def test_only_measurements_before_a_window_are_used(live: list[FaultEstimate]):
     load = ("load_torque", LOAD, "N.m")
     assert [loads(estimate.measured) for estimate in live] == [
         [load],
@@ -171,7 +171,7 @@ def test_impossible_measurement_is_named_and_counted(session: MonitorSession, ca
 
 
 @pytest.mark.usefixtures("live")
-def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession):
+def test_measurement_without_or_with_an_unknown_actuator_is_reported(session: MonitorSession):
     session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id=""))
     session.until_status("input", "measured causes without actuator_id", WARN)
     session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))

@@ -41,7 +41,7 @@ def some_telemetry(n: int = 100, first_index: int = 7) -> Telemetry:
     ("stamp_ns", "sec", "nanosec"),
     [(0, 0, 0), (999_999_999, 0, 999_999_999), (10**9, 1, 0), (-1, -1, 999_999_999)],
 )
-def test_stamp_goes_both_ways(stamp_ns: int, sec: int, nanosec: int):
+def test_stamp_is_converted_both_ways(stamp_ns: int, sec: int, nanosec: int):
     message = stamp_to_message(stamp_ns)
     assert message == Time(sec=sec, nanosec=nanosec)
     assert stamp_from_message(message) == stamp_ns

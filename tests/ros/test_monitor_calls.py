@@ -69,7 +69,7 @@ def test_inactive_monitor_refuses_a_calibration_in_one_line(tmp_path: Path, capf
     assert line.endswith("flap: not calibrated: the monitor is not active")
 
 
-def test_latest_window_is_identified_with_the_algorithm_of_choice(session: MonitorSession):
+def test_latest_window_is_identified_with_the_requested_algorithm(session: MonitorSession):
     before = len(session.estimates())
     goal = Goal(session, algorithm="pso", budget=1500, seed=9)
     status, result = goal.result()
@@ -92,7 +92,7 @@ def test_latest_window_is_identified_with_the_algorithm_of_choice(session: Monit
     assert len(session.estimates()) == before
 
 
-def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
+def test_default_goal_gives_the_estimate_of_the_monitor(session: MonitorSession):
     _, result = Goal(session).result()
     published, returned = session.estimates()[0], result.estimate
     published.computing_time = returned.computing_time = 0.0
@@ -148,7 +148,7 @@ def test_identification_is_cancelled_within_a_generation(session: MonitorSession
     assert "cancel" in result.message
 
 
-def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: MonitorSession):
+def test_next_window_is_awaited_and_a_defective_one_has_its_reason(session: MonitorSession):
     assert session.set_parameters(calibration_timeout_s=DEADLINE_S)[0].successful
     source = Source(gain=0.6)
     blocks = source.cycle()
@@ -170,7 +170,7 @@ def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: Monitor
 # Warnings of goals that were not begun when the node ended.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:coroutine:RuntimeWarning")
-def test_many_goals_that_wait_do_not_keep_telemetry_out():
+def test_many_waiting_goals_do_not_block_telemetry():
     with monitor() as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
@@ -195,7 +195,7 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
     gc.collect()
 
 
-def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
+def test_calibration_is_fitted_stored_used_and_loaded(tmp_path: Path):
     file = f"{tmp_path}/{{actuator_id}}_{{serial_number}}.yaml"
     own_file = tmp_path / "flap_SIM-0001.yaml"
     source = Source()
@@ -238,7 +238,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert session.next_estimate().calibration_id == answer.calibration_id
 
 
-def test_calibration_that_does_not_come_about_states_why(session: MonitorSession):
+def test_failed_calibration_states_the_reason(session: MonitorSession):
     for request, text in (
         ({"windows": 0}, "windows = 0"),
         ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),
@@ -253,7 +253,7 @@ def test_calibration_that_does_not_come_about_states_why(session: MonitorSession
 
 
 @pytest.mark.parametrize("request_", [{"windows": 1}, {"load": True, "file": "x.yaml"}])
-def test_unit_in_warning_gets_no_other_baseline_unless_a_person_forces_it(
+def test_baseline_of_a_unit_in_warning_changes_only_if_forced_by_a_person(
     session: MonitorSession, request_: dict[str, Any]
 ):
     answer = calibrate(session, **request_)
@@ -266,7 +266,7 @@ def test_unit_in_warning_gets_no_other_baseline_unless_a_person_forces_it(
     assert "person: expected 1 to 60 printable characters" in answer.message
 
 
-def test_forced_calibration_of_a_worn_unit_is_no_repair(tmp_path: Path):
+def test_forced_calibration_of_a_worn_unit_is_not_a_repair(tmp_path: Path):
     """With a baseline of the worn state the level is OK, and the history shows the change."""
     source = Source()
     with monitor({"calibration_folder": str(tmp_path)}) as session:
@@ -326,7 +326,7 @@ def test_calls_that_wait_are_cancelled_or_answered_when_the_monitor_is_deactivat
         assert not goal.result()[1].success
 
 
-def test_calibration_that_waits_keeps_no_other_call_waiting(tmp_path: Path):
+def test_waiting_calibration_does_not_block_other_calls(tmp_path: Path):
     settings = {"calibration_timeout_s": 60.0, "calibration_folder": str(tmp_path)}
     with monitor(settings | {"calibration_file": str(tmp_path / "{actuator_id}.yaml")}) as session:
         session.describe()

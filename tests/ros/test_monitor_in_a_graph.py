@@ -29,7 +29,7 @@ def session() -> Iterator[MonitorSession]:
         yield running
 
 
-def test_publishers_of_the_default_quality_are_received_once_and_latched_ones_too(session):
+def test_default_and_latched_publishers_are_received_once(session):
     latched = session.probe.create_publisher(Usage, topics.USAGE, topics.LATCHED)
     latched.publish(Usage(actuator_id="rudder", flight_hours=-1.0))
     plain = session.probe.create_publisher(Usage, topics.USAGE, DEFAULT_QOS)
@@ -58,7 +58,7 @@ def test_publishers_of_the_default_quality_are_received_once_and_latched_ones_to
     )
 
 
-def test_clock_that_jumps_back_and_far_on_is_survived():
+def test_monitor_survives_jumps_of_the_clock():
     with monitor({"use_sim_time": True, "expected_period_s": 10.0}) as session:
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         clock = session.probe.create_publisher(Clock, "/clock", best_effort)
@@ -88,7 +88,7 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
         assert session.node.state == "active"
 
 
-def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(session):
+def test_forgotten_actuator_loses_its_topics_and_may_return(session):
     session.describe()
     session.feed(Source().cycle())
     session.next_estimate()
@@ -116,19 +116,19 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(sessio
     # Each description was received once.
     session.feed(Source().cycle())
     assert session.next_estimate().window == 0
-    session.describe_from_a_node_of_its_own(replace(FLAP, serial_number="SIM-0002"))
+    session.describe_latched(replace(FLAP, serial_number="SIM-0002"))
     session.until(lambda: session.node.actuators["flap"].description != FLAP)
     assert forget("flap").success
     session.feed(Source().cycle())
     assert session.next_estimate().serial_number == "SIM-0002"
     # A restarted bridge sends the description once, and counts samples from 1.
-    session.describe_from_a_node_of_its_own(FLAP)
+    session.describe_latched(FLAP)
     session.until(lambda: session.node.actuators["flap"].description == FLAP)
     session.feed(Source().cycle())
     assert session.next_estimate().valid
 
 
-def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(session):
+def test_settings_changed_in_a_window_apply_from_the_next_window_on(session):
     session.describe()
     source = Source(friction=0.2)
     blocks = source.cycle()
@@ -183,7 +183,7 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
     assert "after a restart" not in printed
 
 
-def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figures(session):
+def test_impossible_name_creates_no_actuator_and_answers_have_nan(session):
     for name in (" flap", "flap\n", "f" * 101):
         printed = len(session.statuses("input"))
         session.feed(Source().cycle()[:1], name)
@@ -199,7 +199,7 @@ def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figur
     assert math.isnan(unknown_estimate("flap", "").faults.gain)
 
 
-def test_summary_states_in_a_line_what_health_states():
+def test_summary_is_a_line_of_the_health():
     health = Health(actuator_id="flap", serial_number="1", level=WARN, health_index=0.4)
     health.dominant_fault = "short_circuit_a"
     health.rul.known, health.rul.hours_50 = True, 120.0

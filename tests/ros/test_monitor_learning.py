@@ -199,7 +199,7 @@ def test_records_that_depart_from_each_other_are_not_accepted_by_a_setting(tmp_p
 
 
 @pytest.mark.slow
-def test_record_that_shows_nothing_is_not_collected(tmp_path: Path):
+def test_record_without_information_is_not_collected(tmp_path: Path):
     with monitor({"baseline_folder": str(tmp_path)}) as session:
         joint = Learner(session)
         telemetry = work(0)
@@ -216,7 +216,7 @@ def test_record_that_shows_nothing_is_not_collected(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_command_asks_the_monitor_that_runs(tmp_path: Path):
+def test_command_requests_changes_of_the_running_monitor(tmp_path: Path):
     with monitor({"baseline_folder": str(tmp_path)}) as session:
         joint = Learner(session)
         joint.feed(range(5))

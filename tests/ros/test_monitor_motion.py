@@ -47,7 +47,7 @@ def moves() -> list[Telemetry]:
 
 
 @pytest.mark.slow
-def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]):
+def test_live_estimates_of_motion_equal_the_offline_estimates(moves: list[Telemetry]):
     """Stretches and estimates are equal to the last bit."""
     expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.05, pause_s=0.0))
     assert [estimate.stretches for estimate in expected[:-1]] == [2, 1, 1]

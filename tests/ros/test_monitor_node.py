@@ -45,7 +45,7 @@ def health(session: MonitorSession) -> Health:
     return session.healths()[0]
 
 
-def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
+def test_estimate_equals_the_estimate_of_the_library(estimate: FaultEstimate):
     watch = WindowFinder(TriggerSettings(), FLAP)
     [segment] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
     assert isinstance(segment, Segment)
@@ -74,7 +74,7 @@ def test_health_reports_the_fault(estimate: FaultEstimate, health: Health):
     assert friction.sigma == pytest.approx(np.sqrt(estimate.covariance[0]))
 
 
-def test_status_carries_the_figures(session: MonitorSession):
+def test_status_contains_counts_and_health_index(session: MonitorSession):
     telemetry = session.until_status("flap telemetry", "1 valid estimates", b"\x00")
     assert telemetry.hardware_id == f"/ema/flap/{FLAP.serial_number}"
     values = {item.key: item.value for item in telemetry.values}
@@ -89,12 +89,12 @@ def test_latched_descriptions_of_all_actuators_are_received():
     tabs = [replace(FLAP, actuator_id=f"tab_{i}", serial_number=f"T{i}") for i in range(3)]
     with monitor(up=False) as session:
         for described in (FLAP, *tabs):
-            session.describe_from_a_node_of_its_own(described)
+            session.describe_latched(described)
         session.bring_up()
         session.until_status("input", "4 actuators monitored")
 
 
-def test_late_joiner_learns_the_health_of_all_actuators(tmp_path: Path):
+def test_late_subscriber_receives_the_health_of_all_actuators(tmp_path: Path):
     names = ("flap", "rudder")
     shipped = Calibration.builtin()
     for name in names:

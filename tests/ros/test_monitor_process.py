@@ -17,7 +17,7 @@ from .monitor_session import FLAP, Source
 from .spinning import where_it_spins
 
 
-def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(tmp_path: Path):
+def test_process_ends_cleanly_during_an_identification_with_waiting_calls(tmp_path: Path):
     task = "/ema/monitor: flap telemetry"
     with Graph(tmp_path) as graph:
         node = graph.node

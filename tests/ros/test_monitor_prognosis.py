@@ -60,7 +60,7 @@ def health(session: MonitorSession) -> Health:
     return session.healths()[TESTS - 1]
 
 
-def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
+def test_status_contains_life_and_history(session: MonitorSession, folder: Path):
     history = session.until_status("flap history", f"{TESTS} tests", b"\x00")
     [file] = folder.glob("*.sqlite")
     assert {item.key: item.value for item in history.values}["file"] == str(file)
@@ -102,7 +102,7 @@ def test_forecast_has_the_quantiles_of_each_fault(session: MonitorSession):
         assert np.all(np.diff(np.reshape(item.values, (3, len(last.hours))), axis=0) >= 0.0)
 
 
-def test_fit_has_the_measured_signals_and_those_of_the_model(session: MonitorSession):
+def test_fit_has_measured_and_modelled_signals(session: MonitorSession):
     fits, estimates = session.received(topics.WINDOW_FIT), session.estimates()
     assert [item.window for item in fits] == [item.window for item in estimates]
     last = fits[-1]
@@ -163,7 +163,7 @@ def test_note_of_a_person_is_published_and_in_the_history(session: MonitorSessio
     assert event in get_history(session, actuator_id=FLAP.actuator_id).history.events
 
 
-def test_the_oldest_are_dropped_and_counted():
+def test_oldest_follow_ups_are_dropped_and_counted():
     begun, may_go_on, done = threading.Event(), threading.Event(), []
     follow_ups = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock())
 
@@ -211,7 +211,7 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
     assert threads[0] == "identification"
 
 
-def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
+def test_failed_prognosis_does_not_suppress_estimate_or_alarm(
     cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
 ):
     def fail(*_: Any) -> Any:
@@ -228,7 +228,7 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
         assert health.header.stamp == session.estimates()[0].window_end
 
 
-def test_follow_ups_of_a_new_thread_wait_for_one_that_outlasts_the_stop(monkeypatch):
+def test_follow_ups_of_a_new_thread_wait_for_the_old_thread(monkeypatch):
     """Two threads would publish an older forecast after a newer one."""
     monkeypatch.setattr(follow_ups_module, "_JOIN_S", 0.0)
     follow_ups, may_end = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock()), threading.Event()

@@ -38,7 +38,7 @@ def now(blocks: list[Telemetry], *, later_ns: int = 0) -> list[Telemetry]:
     return [replace(block, stamp_ns=block.stamp_ns + shift_ns) for block in blocks]
 
 
-def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
+def test_hours_are_taken_from_the_usage_topic(cycles: list[Telemetry]):
     ends = [int(block.stamps_ns[-1]) for block in cycles]
     with monitor() as session:
         session.describe()
@@ -54,9 +54,7 @@ def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
         assert (second.flight_hours, second.cycles) == (123.0, 40)
 
 
-def test_unit_that_is_exchanged_begins_a_history_of_its_own(
-    cycles: list[Telemetry], tmp_path: Path
-):
+def test_exchanged_unit_has_a_separate_history(cycles: list[Telemetry], tmp_path: Path):
     settings = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
     with monitor(settings) as session:
         session.describe()
@@ -75,7 +73,7 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
         assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
 
 
-def test_what_fails_after_an_estimate_states_so_and_a_unit_that_is_fitted_begins_without_health(
+def test_failure_after_an_estimate_is_reported_and_a_new_unit_has_no_health(
     cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
 ):
     def fail(*_: Any) -> Any:
@@ -138,7 +136,7 @@ def test_telemetry_is_received_while_a_history_is_read(
         assert (health.flight_hours, health.cycles) == (HOURS, 1)
 
 
-def test_health_is_known_again_after_a_restart_and_the_next_search_begins_where_it_would_have(
+def test_health_and_start_of_the_search_are_restored_after_a_restart(
     cycles: list[Telemetry], tmp_path: Path
 ):
     recent = now(cycles[:3])  # with the stamps of a real actuator
@@ -184,7 +182,7 @@ def kept(folder: Path) -> int:
         return db.execute("SELECT count(*) FROM test").fetchone()[0]
 
 
-def test_test_of_another_time_is_identified_but_not_recorded(
+def test_test_with_a_distant_stamp_is_identified_but_not_recorded(
     cycles: list[Telemetry], tmp_path: Path
 ):
     """The test is from a replayed bag, or a clock that is ten years ahead."""
@@ -212,7 +210,7 @@ def test_test_of_another_time_is_identified_but_not_recorded(
     assert kept(tmp_path) == 2
 
 
-def test_clock_can_be_changed_while_nothing_of_it_is_there():
+def test_clock_can_be_changed_only_while_unconfigured():
     with monitor() as session:
         [answer] = session.set_parameters(use_sim_time=True)
         assert not answer.successful
@@ -225,7 +223,7 @@ def test_clock_can_be_changed_while_nothing_of_it_is_there():
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
 
 
-def test_unit_that_was_mounted_again_is_one_after_three_tests_of_any_time(
+def test_remounted_unit_is_accepted_after_three_tests(
     cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """The history is in memory and leaves no file."""

@@ -88,7 +88,7 @@ def test_quantities_and_health_of_an_unknown_drive_are_published(calibration: Pa
 
 
 @pytest.mark.slow
-def test_departure_of_a_figure_is_published_held_and_kept(calibration: Path, tmp_path: Path):
+def test_departure_of_a_figure_is_published_held_and_stored(calibration: Path, tmp_path: Path):
     settings = {"calibration_file": str(calibration), "history_folder": f"{tmp_path}/history"}
     with monitor(settings) as session:
         session.describe(UNKNOWN)

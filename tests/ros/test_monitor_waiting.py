@@ -61,9 +61,7 @@ def outcomes(session: MonitorSession) -> list[tuple[int, bool]]:
     return [(estimate.window, estimate.valid) for estimate in session.estimates()]
 
 
-def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_continues_after(
-    held: threading.Event,
-):
+def test_oldest_window_is_dropped_and_waiting_ones_refused_on_deactivation(held: threading.Event):
     source = Source()
     with monitor({"waiting_windows": 1}) as session:
         session.describe()
@@ -100,7 +98,7 @@ def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_co
         session.until(lambda: outcomes(session)[6:] == [(6, True)])
 
 
-def test_none_is_dropped_in_simulated_time(held: threading.Event):
+def test_no_window_is_dropped_in_simulated_time(held: threading.Event):
     source = Source()
     with monitor({"waiting_windows": 1, "use_sim_time": True}) as session:
         clock = session.probe.create_publisher(Clock, "/clock", 10)

@@ -59,7 +59,7 @@ WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_wrong_telemetry_costs_its_window_and_is_named(
+def test_wrong_telemetry_is_named_and_invalidates_its_window(
     session: MonitorSession, source: Source, name: str
 ):
     spoil, texts = WRONG[name]
@@ -90,7 +90,7 @@ def test_wrong_telemetry_costs_its_window_and_is_named(
     assert after[1].faults.friction == pytest.approx(0.3, abs=0.02)
 
 
-def test_defect_outside_of_a_window_is_named_and_costs_none(
+def test_defect_outside_of_a_window_is_named_and_invalidates_none(
     session: MonitorSession, source: Source
 ):
     before, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
@@ -118,7 +118,7 @@ def test_defect_is_reported_although_an_older_window_is_being_identified():
         assert "speed is nan" in status.message
 
 
-def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: Source):
+def test_window_that_ends_after_the_largest_stamp_does_not_stop_the_monitor(source: Source):
     beyond_ns = 2**31 * 10**9
     with monitor() as session:
         session.describe()
@@ -129,7 +129,7 @@ def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: 
         session.until(lambda: [e for e in session.estimates() if e.valid])
 
 
-def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named(source: Source):
+def test_telemetry_waits_for_a_description_and_defects_of_it_are_named(source: Source):
     nameless, wrong = description_to_message(FLAP), description_to_message(FLAP)
     nameless.actuator_id, wrong.resistance = "", -1.0
     with monitor() as session:
@@ -154,7 +154,7 @@ def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named
         assert session.next_estimate().valid
 
 
-def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_nothing():
+def test_two_publishers_of_one_actuator_are_named_and_lose_nothing():
     source = Source()
     with monitor() as session:
         session.describe()

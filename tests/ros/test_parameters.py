@@ -40,14 +40,14 @@ def parameters(nodes: dict[str, Any]) -> list[tuple[str, str, Any, Any]]:
     ]
 
 
-def test_page_is_that_of_the_declarations():
+def test_document_of_parameters_is_up_to_date():
     root = Path(__file__).parents[2]
     page = (root / "docs" / "parameters.md").read_text(encoding="utf-8")
     made = run_path(str(root / "tools" / "parameter_page.py"))["parameter_page"]()
     assert page == made, "run `make parameters`"
 
 
-def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
+def test_parameters_have_a_description_and_numbers_a_unit_and_a_range(parameters):
     for *key, value, descriptor in parameters:
         assert descriptor.description, key
         if isinstance(value, int | float) and not isinstance(value, bool):
@@ -57,7 +57,7 @@ def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
         assert descriptor.read_only or says.startswith((LIVE, AT_CONFIGURE)), key
 
 
-def test_only_what_is_needed_at_the_start_is_read_only(parameters):
+def test_only_parameters_needed_at_the_start_are_read_only(parameters):
     fixed = {(node, name) for node, name, _, descriptor in parameters if descriptor.read_only}
     specific = {
         (node, name) for node, name in fixed if not name.startswith(("autostart", "start_type"))
@@ -74,14 +74,14 @@ def test_names_are_words_in_lower_case(parameters):
     assert not (plant - {"lead"}) & PARAMETER_FIELDS.keys()
 
 
-def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):
+def test_printed_defaults_are_read_back_as_numbers(parameters):
     for *key, value, _ in parameters:
         # YAML 1.1 (`ros2 param load`) reads a number with an exponent but no point as a text.
         if isinstance(value, float):
             assert yaml.safe_load(repr(value)) == value, key
 
 
-def test_what_is_live_states_why_a_value_is_refused(nodes, parameters):
+def test_refusal_of_a_value_names_its_parameter(nodes, parameters):
     for name, item, value, descriptor in parameters:
         limits = [*descriptor.floating_point_range, *descriptor.integer_range]
         if descriptor.read_only or not limits:
@@ -94,7 +94,7 @@ def test_what_is_live_states_why_a_value_is_refused(nodes, parameters):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_what_is_dumped_of_a_node_starts_one_of_the_same_parameters(name: str, tmp_path: Path):
+def test_dumped_parameters_start_a_node_with_the_same_values(name: str, tmp_path: Path):
     """The file is written like `ros2 param dump`: dots in names become levels of the YAML."""
 
     def values_of(*arguments: str) -> dict[str, Any]:

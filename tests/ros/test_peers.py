@@ -19,7 +19,7 @@ from ..waiting import wait_for
 from .spinning import Spinning, ros_context
 
 
-def test_disappeared_node_is_reported_once_and_missed_for_a_minute():
+def test_disappeared_node_is_logged_once_and_a_warning_for_a_minute():
     peers = Peers("/ema/own")
     both = {"/ema/actuator", "/ema/recorder"}
     assert peers.update(both, Counter(both), 0.0) == []
@@ -38,7 +38,7 @@ def test_disappeared_node_is_reported_once_and_missed_for_a_minute():
     }
 
 
-def test_node_that_returns_is_not_missed_and_is_reported_when_it_disappears_again():
+def test_returned_node_is_reported_again_when_it_disappears_again():
     peers = Peers("/ema/own")
     peers.update({"/ema/a", "/ema/b"}, Counter({"/ema/a", "/ema/b"}), 0.0)
     assert peers.update(set(), Counter(), 1.0) == ["/ema/a", "/ema/b"]
@@ -49,7 +49,7 @@ def test_node_that_returns_is_not_missed_and_is_reported_when_it_disappears_agai
     assert peers.task("unit", 61.5).message == "lost contact with /ema/a"
 
 
-def test_inactive_node_is_not_missed():
+def test_inactive_node_is_not_reported_as_gone():
     peers = Peers("/ema/own")
     peers.update({"/ema/a"}, Counter({"/ema/a"}), 0.0)
     assert peers.update(set(), Counter({"/ema/a", "/ema/stranger"}), 1.0) == []
@@ -57,7 +57,7 @@ def test_inactive_node_is_not_missed():
     assert peers.update(set(), Counter({"/ema/stranger"}), 2.0) == ["/ema/a"]
 
 
-def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Callable[..., Node]):
+def test_nodes_in_touch_share_namespace_and_a_topic(make_node: Callable[..., Node]):
     def node(name: str, namespace: str = "/ema") -> Node:
         return make_node(name, namespace=namespace)
 
@@ -84,9 +84,7 @@ def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Calla
     until({"/ema/subscriber", "/ema/sibling"})
 
 
-def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_there(
-    make_node: Callable[..., Node],
-):
+def test_incompatible_publisher_is_named_while_it_exists(make_node: Callable[..., Node]):
     tested, radio = make_node("own", namespace="/ema"), make_node("radio", namespace="/ema")
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -110,7 +108,7 @@ def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_
     wait_for(lambda: not incompatible_publishers(tested), "no incompatible publisher")
 
 
-def test_two_nodes_of_one_name_are_an_error_of_both_until_one_has_gone(graph: Spinning):
+def test_two_nodes_with_the_same_name_both_report_an_error(graph: Spinning):
     def managed(graph: Spinning, name: str = "monitor", namespace: str = "/ema") -> Any:
         return graph.add(ManagedNode(name, namespace=namespace, context=graph.context))
 

@@ -95,7 +95,7 @@ def test_bag_is_played_in_order_with_its_clock(graph: Spinning, bag: Path):
     assert player.exit_code == 0
 
 
-def test_subscriber_that_comes_late_is_waited_for(graph: Spinning, bag: Path):
+def test_player_waits_for_a_late_subscriber(graph: Spinning, bag: Path):
     player = player_of(graph, bag, rate=20.0)
     assert player.bring_up()
     wait_for(lambda: "waiting for a subscriber" in task(player).message, "the waiting")
@@ -105,7 +105,7 @@ def test_subscriber_that_comes_late_is_waited_for(graph: Spinning, bag: Path):
     wait_for(lambda: len(received) == 50, "all messages")
 
 
-def test_only_what_an_actuator_sends_is_played_on_demand(graph: Spinning, tmp_path: Path):
+def test_actuator_only_plays_messages_of_the_actuator_only(graph: Spinning, tmp_path: Path):
     actuator: dict[str, type] = {
         "/ema/telemetry": TelemetryBlock,
         "/ema/actuator_description": ActuatorDescription,
@@ -139,7 +139,7 @@ def test_failure_while_playing_ends_the_player(graph: Spinning, bag: Path, monke
     assert "the middleware is gone" in task(player).message
 
 
-def test_player_that_is_ended_does_not_wait_for_the_next_message(graph: Spinning, tmp_path: Path):
+def test_player_ends_without_waiting_for_the_next_message(graph: Spinning, tmp_path: Path):
     with BagWriter(tmp_path / "slow.mcap") as writer:
         writer.add_topic("/ema/t0", String, STREAM)
         for hour in range(2):
@@ -185,15 +185,13 @@ def test_a_part_of_a_bag_is_played(graph: Spinning, bag: Path, part: dict, expec
         ({"topics": ["latched"], "start_offset": 0.5}, "no message to play from 0.5 s to 1.000 s"),
     ],
 )
-def test_part_that_is_not_there_is_refused(
-    graph: Spinning, bag: Path, parameters: dict, reported: str
-):
+def test_missing_part_is_refused(graph: Spinning, bag: Path, parameters: dict, reported: str):
     player = player_of(graph, bag, **parameters)
     assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
     assert reported in player._refused
 
 
-def test_a_loop_begins_again_as_after_a_seek(graph: Spinning, bag: Path):
+def test_each_pass_of_a_loop_begins_like_a_seek(graph: Spinning, bag: Path):
     received = graph.listen(String, "t0", STREAM)
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
     states = graph.listen(PlaybackState, "playback_state", LATCHED_BY_MANY)
@@ -236,7 +234,7 @@ def test_paused_playback_continues_step_by_step(graph: Spinning, bag: Path):
     check_refused(ask(graph, "play_next"), "the player has ended")
 
 
-def test_steps_end_at_the_end_and_are_refused_while_it_plays(graph: Spinning, bag: Path):
+def test_steps_end_with_the_bag_and_are_refused_during_playback(graph: Spinning, bag: Path):
     player = player_of(graph, bag, rate=0.01, wait_s=0.0)
     assert player.bring_up()
     check_refused(ask(graph, "play_next"), "the player is playing: pause it first")
@@ -325,7 +323,7 @@ def test_monitor_that_does_not_follow_the_clock_is_named(graph: Spinning, tmp_pa
     wait_for(lambda: "monitor_2" not in task(player).message, "the other one's /clock")
 
 
-def test_what_cannot_be_played_is_left_out_and_named(graph: Spinning, tmp_path: Path):
+def test_unplayable_messages_are_skipped_and_named(graph: Spinning, tmp_path: Path):
     path, time_ns = tmp_path / "odd.mcap", START_NS
     with BagWriter(path) as writer:
         for name in ("/ema/t0", "/ema/a b", "/rosout"):

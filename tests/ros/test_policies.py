@@ -95,7 +95,7 @@ def up(graph: Spinning, **nodes: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_what_nodes_around_an_actuator_have_is_permitted(graph: Spinning, tmp_path):
+def test_policies_permit_the_nodes_around_an_actuator(graph: Spinning, tmp_path):
     access, observer = node_access(), graph.node("observer", "/test")
     recorder, monitor = {"output": str(tmp_path / "bag")}, {"history_folder": "memory"}
     up(graph, dashboard={"port": 0}, recorder=recorder, monitor=monitor, actuator={})
@@ -112,7 +112,7 @@ def test_what_nodes_around_an_actuator_have_is_permitted(graph: Spinning, tmp_pa
 
 
 @pytest.mark.slow
-def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
+def test_policies_permit_player_and_bridge(graph: Spinning, tmp_path):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(MAPPING))
     access = node_access(
@@ -135,7 +135,7 @@ def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["watch", "demo", "baseline"])
-def test_what_a_listener_has_is_permitted(name):
+def test_policy_permits_the_topics_of_a_listener(name):
     from ema_cli.processes.baseline_client import BaselineClient
     from ema_cli.processes.health_listener import HealthListener
     from ema_cli.processes.listener import Listener
@@ -154,14 +154,14 @@ def test_what_a_listener_has_is_permitted(name):
         assert Seen(node, access).subscribes == set(access.subscribes)
 
 
-def test_every_node_has_a_policy_that_is_kept():
+def test_every_node_has_an_up_to_date_policy_file():
     made = dict(policy_files("/ema"))
     assert {f"{name}.policy.xml" for name in (*NODES, "watch", "demo", "baseline")} == set(made)
     kept = {path.name: path.read_text() for path in (ROOT / FOLDER).iterdir()}
     assert kept == made, "run `make policies`"
 
 
-def test_bridge_is_permitted_what_its_mapping_names(tmp_path):
+def test_policy_of_a_bridge_permits_the_topics_of_its_mapping(tmp_path):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(MAPPING))
     arguments = ["--namespace", "/left", "--mapping", str(mapping), "-o", str(tmp_path)]
@@ -189,7 +189,7 @@ def obstacles() -> Iterator[str]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(list(obstacles())), reason=", ".join(obstacles()))
-def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch):
+def test_secured_graph_works_and_excludes_other_nodes(tmp_path, monkeypatch):
     """With the policies the graph works, and other nodes cannot publish (native ROS 2 only)."""
     keys = tmp_path / "keys"
 

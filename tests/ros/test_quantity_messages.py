@@ -31,7 +31,7 @@ def test_quantities_survive_the_wire(name: str):
     assert repr(diagnosis.quantities) == repr(CASES[name].quantities)
 
 
-def test_numbers_of_the_judgements_are_those_of_the_message():
+def test_judgements_have_the_constants_of_the_message():
     by_name = {
         Judgement.UNCHANGED: QuantityChange.UNCHANGED,
         Judgement.CHANGED: QuantityChange.CHANGED,
@@ -56,7 +56,7 @@ def test_unknown_judgement_is_refused():
 
 
 @pytest.mark.parametrize("message", [FaultEstimate, UnitTest])
-def test_fault_without_a_bit_is_refused(message: type):
+def test_ninth_fault_in_one_byte_is_refused(message: type):
     """A ninth fault in one byte would be published as observable and significant."""
     last = np.arange(8) == 7
     assert fault_bits(message, "insignificant", last) == FaultEstimate.GAIN

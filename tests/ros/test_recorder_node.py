@@ -101,7 +101,7 @@ def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Pa
         assert offered_qos(offered) == offered_qos(qos) | reported
 
 
-def test_default_in_the_root_namespace_leaves_out_the_topics_that_all_nodes_share(
+def test_default_in_the_root_namespace_omits_topics_that_all_nodes_share(
     graph: Spinning, tmp_path: Path
 ):
     wanted = graph.node(namespace="/flap_1").create_publisher(String, "text", STREAM)
@@ -114,7 +114,7 @@ def test_default_in_the_root_namespace_leaves_out_the_topics_that_all_nodes_shar
     assert not recorded & {"/rosout", "/parameter_events"}
 
 
-def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
+def test_default_topics_are_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
     source = graph.node(namespace="/flap_1")
     wanted = source.create_publisher(String, "deep/text", STREAM)
     excluded = [
@@ -142,7 +142,7 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path:
     }
 
 
-def test_log_times_are_simulated_where_time_is(graph: Spinning, tmp_path: Path):
+def test_log_times_are_simulated_with_simulated_time(graph: Spinning, tmp_path: Path):
     source = graph.node()
     clock = source.create_publisher(Clock, "/clock", QoSProfile(depth=1))
     text = source.create_publisher(String, "text", LATCHED)
@@ -184,7 +184,7 @@ def test_pausing_continues_in_the_same_bag(graph: Spinning, tmp_path: Path):
     assert [item.data for item in contents(tmp_path / "flight", "/ema/text")] == ["before", "after"]
 
 
-def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Path):
+def test_existing_bag_is_not_overwritten_by_default(graph: Spinning, tmp_path: Path):
     path, second_path = tmp_path / "flight", tmp_path / "other"
     recorder = recorder_of(graph, path)
     assert recorder.bring_up()
@@ -219,7 +219,9 @@ def test_default_output_is_named_by_the_time(graph: Spinning, tmp_path: Path, mo
     assert abs(time.time() - at) < 60.0
 
 
-def test_every_publisher_is_received_regardless_of_what_it_offers(graph: Spinning, tmp_path: Path):
+def test_every_publisher_is_received_regardless_of_its_quality_of_service(
+    graph: Spinning, tmp_path: Path
+):
     source = graph.node()
     reliable = source.create_publisher(String, "text", LATCHED)
     best_effort = source.create_publisher(String, "text", BEST_EFFORT)
@@ -275,7 +277,7 @@ def test_topic_of_several_types_is_not_recorded(
 
 
 @pytest.mark.parametrize("missing", [True, False])
-def test_type_that_is_not_the_installed_one_is_not_recorded(
+def test_topic_of_another_type_version_is_not_recorded(
     graph: Spinning, tmp_path: Path, monkeypatch: Any, missing: bool
 ):
     def not_installed(name: str) -> str:
@@ -336,7 +338,7 @@ def test_messages_that_the_middleware_drops_are_counted(
     assert sum(map(int, by_topic[1::2])) == lost > 0
 
 
-def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_nothing(
+def test_two_publishers_of_one_actuator_are_named_and_lose_nothing(
     graph: Spinning, other_graph: Spinning, tmp_path: Path
 ):
     first = graph.node().create_publisher(TelemetryBlock, "telemetry", STREAM)
@@ -361,7 +363,7 @@ def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_
     assert (task(recorder).level, task(recorder).values["lost messages"]) == (OK, 0)
 
 
-def test_recorder_that_stood_still_states_so_in_status_and_bag(
+def test_standstill_of_the_recorder_is_reported_in_status_and_bag(
     graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
     monkeypatch.setattr(recorder_node, "_STANDSTILL_S", 0.5)

@@ -77,7 +77,7 @@ def assert_same(recording: BagWindows, windows: Sequence[Window]) -> None:
 
 
 @pytest.mark.parametrize("size", [1, 7, 400])
-def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
+def test_records_of_a_bag_equal_the_live_records(path: Path, size: int):
     """The bag has long motion, rests, and a motion at its end; blocks are shorter than records."""
     position = np.concatenate(
         [np.zeros(300), motion(33.0), np.zeros(900), motion(4.0), np.zeros(200), motion(3.0)]
@@ -90,7 +90,7 @@ def test_records_of_a_bag_are_those_found_live(path: Path, size: int):
     assert_same(read_windows(recorded(path, blocks), SETTINGS), windows)
 
 
-def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Path):
+def test_record_before_a_restart_of_the_index_is_read_from_its_blocks(path: Path):
     """A driver that restarts in the middle of a motion counts from 1 again."""
     before = blocks_of(motion(8.0), 50)
     after = blocks_of(motion(6.0), 50, start_ns=START_NS + 9_000_000_000)
@@ -100,7 +100,7 @@ def test_record_before_the_index_went_back_is_read_from_its_own_blocks(path: Pat
     assert any("the sample index went back" in remark for remark in recording.remarks)
 
 
-def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
+def test_pieces_too_short_for_a_record_are_reported(path: Path):
     short = np.concatenate([motion(1.0), np.zeros(700)])
     recording = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
     # The first and the last bin, of 0.03 s each, do not count.

@@ -75,7 +75,7 @@ def expected(bag: Path) -> list[FaultEstimate]:
     ]
 
 
-def test_offline_command_reports_what_is_wrong_with_two_of_the_windows(expected):
+def test_offline_command_reports_the_defects_of_two_windows(expected):
     assert [item.valid for item in expected] == [True, False, True, False]
     assert [item.warm_start for item in expected] == [False, False, True, False]
     assert "gap of 100 samples" in expected[1].reason

@@ -75,7 +75,7 @@ def running(**parameters: Any) -> Iterator[Listener]:
         assert not listener.failures
 
 
-def test_samples_are_those_of_the_arm_at_its_rate_with_the_wall_clock_as_stamps(monkeypatch):
+def test_samples_equal_the_samples_of_the_arm_with_wall_clock_stamps(monkeypatch):
     # The schedule is never shifted here, even if the node is late on a busy machine.
     monkeypatch.setattr(runner, "TOLERANCE_S", 1e6)
     with running(seed=3, payload=1.0) as listener:
@@ -174,7 +174,7 @@ def test_two_arms_in_one_graph_keep_to_their_namespaces(graph: Spinning):
         assert np.diff(stamps).min() > 0
 
 
-def test_rate_that_does_not_divide_that_of_the_controllers_is_refused():
+def test_rate_that_does_not_divide_the_control_rate_is_refused():
     with probed(RobotNode, Listener, {"rate": 300}) as listener:
         assert not listener.node.bring_up()
         listener.until_status("lifecycle", "rate = 300 Hz does not divide 1000 Hz")

@@ -99,7 +99,7 @@ def course(record: UnitRecord) -> Course:
     return follow(record, options.estimate(record.windows, calibration), calibration, options)
 
 
-def test_every_health_message_of_a_bag_is_that_of_the_live_monitor(session, course, tests):
+def test_health_messages_of_a_bag_equal_the_live_messages(session, course, tests):
     reported = [
         health_to_message(outlook, course.record.description) for outlook in course.outlooks
     ]

@@ -84,7 +84,7 @@ def test_descriptors_report_unit_range_and_choices(make_oven):
         ({"mode": "grill", "temperature": 50.0}, ["temperature", "50", "too low to grill"]),
     ],
 )
-def test_impossible_value_that_is_given_is_refused_in_one_line(make_oven, values, texts):
+def test_impossible_override_is_refused_in_one_line(make_oven, values, texts):
     node = make_oven(**{f"left__{name}": value for name, value in values.items()})
     with pytest.raises(ValueError, match=r"left\.") as refused:
         LiveSettings(node, Oven, "left.")
@@ -125,7 +125,7 @@ def test_impossible_change_is_refused_by_name(make_oven, name: str, value: Any):
 
 
 @pytest.mark.parametrize(("first", "second"), [("1e2", "1.2e2"), (100, 120)])
-def test_number_keeps_its_type_regardless_of_what_it_came_as(make_oven, first, second):
+def test_number_keeps_its_type_if_set_as_text_or_integer(make_oven, first, second):
     # YAML 1.1 reads 1e2 and 1e-06 as texts, and tools use it to load dumped parameters.
     node = make_oven(left__temperature=first, left__trays="3")
     left = LiveSettings(node, Oven, "left.")
@@ -137,7 +137,7 @@ def test_number_keeps_its_type_regardless_of_what_it_came_as(make_oven, first, s
     assert not set_one(node, "left.temperature", "warm").successful
 
 
-def test_each_parameter_is_answered_once_however_many_settings_a_node_has(make_oven):
+def test_each_parameter_is_answered_once_for_any_number_of_settings(make_oven):
     node, reported = make_oven(), []
     for side in ("left.", "middle.", "right."):
         LiveSettings(node, Oven, side)
@@ -154,7 +154,7 @@ class Gap(Checked):
     width: float = quantity(2e-5, "m", 1e-9, 1.0, "width of the gap", shown=("width_um", "um", 1e6))
 
 
-def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven):
+def test_parameter_has_a_unit_that_avoids_exponents(make_oven):
     node = make_oven()
     gap = LiveSettings(node, Gap)
     parameter = node.get_parameter("width_um")
@@ -209,7 +209,7 @@ class Wire(Checked):
     R: float = quantity(1.0, "ohm", 0.1, 9.0, "resistance of the wire", named="resistance")
 
 
-def test_symbol_is_in_the_description_and_refused_as_a_name(make_oven):
+def test_symbol_is_in_the_description_but_refused_as_a_name(make_oven):
     node = make_oven()
     declare(node, Wire, "left.")
     assert node.describe_parameter("left.resistance").description == (
@@ -243,9 +243,7 @@ def test_description_is_read_from_a_file(tmp_path: Path):
         ("acquisition: {curent: mean}", "did you mean 'current'?"),
     ],
 )
-def test_file_that_describes_no_actuator_is_refused_by_its_name(
-    tmp_path: Path, content: str, text: str
-):
+def test_invalid_description_file_is_refused_by_name(tmp_path: Path, content: str, text: str):
     file = tmp_path / "wrong.yaml"
     file.write_text(content)
     with pytest.raises(ValueError, match=r"wrong\.yaml") as refused:
@@ -254,7 +252,7 @@ def test_file_that_describes_no_actuator_is_refused_by_its_name(
 
 
 @pytest.mark.parametrize("parameters", ["", "parameters: {}\n", "parameters:\n"])
-def test_unknown_drive_needs_names_alone(tmp_path, parameters):
+def test_unknown_drive_needs_names_only(tmp_path, parameters):
     """Without parameters, torques and angles refer to the joint."""
     file = tmp_path / "wheel.yaml"
     file.write_text(f"actuator_id: wheel\nserial_number: W-1\ndrive: unknown\n{parameters}")

@@ -35,7 +35,7 @@ def values_of(task: Task) -> dict[str, str]:
     return {item.key: item.value for item in status_message("/left/monitor", task).values}
 
 
-def test_name_is_that_of_the_node_with_its_namespace():
+def test_status_name_contains_namespace_and_node():
     left, right = (
         status_message(f"/{side}/monitor", Task("flap health", OK, "", f"/{side}/flap"))
         for side in ("left", "right")
@@ -45,7 +45,7 @@ def test_name_is_that_of_the_node_with_its_namespace():
     assert left.hardware_id != right.hardware_id
 
 
-def test_code_is_capitals_of_at_most_64_characters():
+def test_fault_code_has_capitals_and_at_most_64_characters():
     long = [fault_code(f"/ema/monitor: {'very_' * 20}long_{side} health") for side in "lr"]
     for code in (*long, fault_code("/ema/monitor: Klappe (links) – health")):
         assert re.fullmatch(r"[A-Z0-9]+(_[A-Z0-9]+)*", code), code
@@ -53,13 +53,13 @@ def test_code_is_capitals_of_at_most_64_characters():
     assert long[0] != long[1]
 
 
-def test_category_is_one_of_ne_107_or_normal():
+def test_category_is_of_ne_107_or_normal():
     printed = [values_of(Task("x", level, "", "x"))["ne107"] for level in (OK, WARN, ERROR, STALE)]
     assert printed == ["NORMAL", "CHECK_FUNCTION", "FAILURE", "CHECK_FUNCTION"]
     assert values_of(Task("x", WARN, "", "x", {}, "OFF_SPEC"))["ne107"] == "OFF_SPEC"
 
 
-def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
+def test_repeated_line_is_logged_periodically_with_its_count():
     throttle = Throttle(30.0)
     assert throttle.passed("flap: window 1 is dropped", 0.0) == "flap: window 1 is dropped"
     assert throttle.passed("flap: window 2 is dropped", 1.0) is None
@@ -70,7 +70,7 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
     assert throttle.passed("flap: window 5 is dropped", 70.0) == "flap: window 5 is dropped"
 
 
-def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
+def test_stopped_telemetry_is_stale_despite_valid_estimates():
     unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     unit.finder.describe(ActuatorDescription())
     zeros = np.zeros(10)
@@ -84,7 +84,7 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
     assert seen == [(OK, "6 valid estimates"), (STALE, "telemetry has stopped; 6 valid estimates")]
 
 
-def test_level_of_a_fault_agrees_with_its_value_or_states_what_is_missing():
+def test_level_of_a_fault_agrees_with_its_value_or_awaits_confirmation():
     unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     description, settings = ActuatorDescription(), PrognosisSettings()
     unit.finder.describe(description)
@@ -131,7 +131,7 @@ def test_quantities_are_plain_decimals_with_their_unit_in_the_key():
     assert values["tracking lag change [%]"] == "nan"
 
 
-def test_record_that_judges_nothing_is_stale_with_its_reason():
+def test_record_without_a_judgement_is_stale_with_its_reason():
     task = health_task("nothing")
     assert task.level == STALE
     assert "No quantity could be judged: the joint did not move" in task.message

@@ -58,7 +58,7 @@ def task(node: ManagedNode, name: str) -> Task:
     return next(item for item in node.tasks() if item.name == name)
 
 
-def is_told_and_over(node: ManagedNode, name: str, reason: str) -> None:
+def wait_for_restart(node: ManagedNode, name: str, reason: str) -> None:
     def ends() -> int:
         return int(task(node, name).values["ends of threads"])
 
@@ -71,43 +71,43 @@ def reported(capfd: pytest.CaptureFixture[str], reason: str) -> bool:
     return reason in "".join(capfd.readouterr())
 
 
-def test_recorder_continues_writing_by_time(graph, tmp_path, monkeypatch, capfd):
+def test_recorder_continues_flushing_after_its_thread_ended(graph, tmp_path, monkeypatch, capfd):
     fail = fails_once(monkeypatch, BagWriter, "flush")
     publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=10))
     node = up(graph, RecorderNode, output=str(tmp_path / "flight"), topics=["text"], flush_s=0.05)
     wait_for_match(node, publisher)
     fail()
-    is_told_and_over(node, "recording", "made up")
+    wait_for_restart(node, "recording", "made up")
     publisher.publish(String(data="after"))
     wait_for(lambda: len(list(Bag(tmp_path / "flight").raw_messages())) == 1, "the message on disk")
     assert reported(capfd, "the bag flusher thread has ended: ZeroDivisionError('made up')")
 
 
-def test_simulation_begins_a_new_cycle(graph, monkeypatch, capfd):
+def test_simulation_begins_a_new_cycle_after_its_thread_ended(graph, monkeypatch, capfd):
     fail = fails_once(monkeypatch, ActuatorBench, "begin_cycle")
     fail()
     node = up(graph, ActuatorNode, **{"command.shape": "step", "command.duration": 0.02})
-    is_told_and_over(node, "simulation", "made up")
+    wait_for_restart(node, "simulation", "made up")
     # A busy machine may not keep up.
     assert task(node, "simulation").message.startswith(("running", "cannot keep up"))
     assert node.exit_code == 0
     assert reported(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
 
 
-def test_dashboard_serves_again(graph, capfd):
+def test_dashboard_serves_again_after_its_thread_ended(graph, capfd):
     node = up(graph, DashboardNode, port=0)
     node._web._loop.call_soon_threadsafe(node._web._loop.stop)
-    is_told_and_over(node, "dashboard", "it returned")
+    wait_for_restart(node, "dashboard", "it returned")
     with urllib.request.urlopen(node.address, timeout=DEADLINE_S) as answer:
         assert answer.status == 200
     assert reported(capfd, "the dashboard thread has ended: it returned")
 
 
-def test_what_follows_from_tests_continues(graph, monkeypatch, capfd):
+def test_follow_ups_continue_after_their_thread_ended(graph, monkeypatch, capfd):
     fail = fails_once(monkeypatch, FollowUps, "_next")
     fail()
     node = up(graph, MonitorNode, history_folder="")
-    is_told_and_over(node, "identification", "made up")
+    wait_for_restart(node, "identification", "made up")
     assert task(node, "identification").level == OK
     assert reported(capfd, "the follow-ups thread has ended: ZeroDivisionError('made up')")
 

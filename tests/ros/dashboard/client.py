@@ -94,7 +94,7 @@ class Viewer:
         with suppress(asyncio.CancelledError):
             self._reading.result(DEADLINE_S)
 
-    def look_at(self, *topics: str) -> None:
+    def subscribe_to(self, *topics: str) -> None:
         """Subscribe to topics as soon as they are advertised."""
         for topic in topics:
             wait_for(lambda topic=topic: topic in self.channels, f"{topic} is advertised")
@@ -103,7 +103,7 @@ class Viewer:
             channel = self.channels[topic]["id"]
             self.send({"op": "subscribe", "subscriptions": [{"id": number, "channelId": channel}]})
 
-    def look_away(self, *topics: str) -> None:
+    def unsubscribe_from(self, *topics: str) -> None:
         """Unsubscribe from topics."""
         numbers = [self._numbers.pop(topic) for topic in topics]
         self.send({"op": "unsubscribe", "subscriptionIds": numbers})
@@ -129,7 +129,7 @@ class Viewer:
         wait_for(lambda: len(self.received[topic]) >= count, f"{count} messages on {topic}")
         return [message for _, message in self.received[topic]]
 
-    def wait_until_heard(self, topic: str, is_meant: Callable[[Any], bool]) -> None:
+    def wait_until_received(self, topic: str, is_meant: Callable[[Any], bool]) -> None:
         """Wait for a message that satisfies a condition."""
         received = self.received[topic]
         wait_for(lambda: any(is_meant(message) for _, message in received), f"the one on {topic}")

@@ -35,7 +35,7 @@ class DashboardSession(Spinning):
         """Return a new client that subscribes to topics."""
         viewer = self.web.view(node.address, **options)
         self.viewers.append(viewer)
-        viewer.look_at(*topics)
+        viewer.subscribe_to(*topics)
         return viewer
 
     def leave(self) -> None:

@@ -80,7 +80,7 @@ def refusal(session: DashboardSession, **parameters: Any) -> str:
     return task.message
 
 
-def test_the_page_is_served_with_a_policy_that_permits_only_itself(served, web):
+def test_page_is_served_with_a_policy_that_permits_only_its_origin(served, web):
     _, node = served
     status, headers, content = web.get(node.address)
     assert (status, headers["Content-Type"]) == (200, "text/html")
@@ -114,7 +114,7 @@ def test_foreign_pages_and_names_are_refused(served, web, headers, status):
     assert values(node)["refused requests"] - before == (status != 101)
 
 
-def test_own_origin_and_those_of_the_parameter_may_connect(session, web):
+def test_own_origin_and_configured_origins_may_connect(session, web):
     node = session.dashboard(allowed_origins=["https://mine.example"], host_names=["box.example"])
     port = port_of(node)
     assert refused_handshake(web, node.address, Origin=node.address.rstrip("/")) == 101
@@ -124,7 +124,7 @@ def test_own_origin_and_those_of_the_parameter_may_connect(session, web):
     assert refused_handshake(web, node.address, **named) == 101
 
 
-def test_a_token_is_needed_where_one_is_set(session, web, token_file):
+def test_token_is_required_if_configured(session, web, token_file):
     node = session.dashboard(token_file=str(token_file))
     assert web.get(node.address)[0] == 401
     assert refused_handshake(web, node.address) == 401
@@ -142,7 +142,7 @@ def test_a_token_is_needed_where_one_is_set(session, web, token_file):
     assert refused_handshake(web, node.address, Cookie=shown) == 101
 
 
-def test_a_refusal_states_which_check_it_was(session, web, token_file):
+def test_refusal_states_the_check_that_failed(session, web, token_file):
     node = session.dashboard(token_file=str(token_file))
 
     def reported(**headers: str) -> tuple[int, str]:
@@ -166,7 +166,7 @@ def test_a_refusal_states_which_check_it_was(session, web, token_file):
     assert reported(**shown)[0] == 405
 
 
-def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certificate):
+def test_token_and_tls_are_required_beyond_loopback(session, token_file, certificate):
     pem, key = map(str, certificate)
     assert "token_file and tls_certificate as well" in refusal(session, host="0.0.0.0")
     assert "or tls_certificate as well" in refusal(
@@ -180,7 +180,7 @@ def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certifica
     assert "cannot be read" in refusal(session, token_file=str(token_file / "none"))
 
 
-def test_with_tls_and_a_token_it_serves_all_addresses(session, web, token_file, certificate):
+def test_dashboard_with_tls_and_token_serves_all_addresses(session, web, token_file, certificate):
     pem, key = map(str, certificate)
     session.source.create_publisher(Health, "health", topics.ALIVE).publish(
         Health(actuator_id="flap")
@@ -194,11 +194,11 @@ def test_with_tls_and_a_token_it_serves_all_addresses(session, web, token_file, 
     assert "Secure" in headers["Set-Cookie"]
     viewer = web.view(url, ssl=trust, headers={"Authorization": f"Bearer {TOKEN}"})
     session.viewers.append(viewer)
-    viewer.look_at("/ema/health")
+    viewer.subscribe_to("/ema/health")
     viewer.wait_for("/ema/health")
 
 
-def test_an_occupied_port_is_passed_over_or_refused(session):
+def test_occupied_port_is_skipped_or_refused(session):
     first = session.dashboard()
     port = port_of(first)
     assert f"cannot listen on port {port} of 127.0.0.1" in refusal(session, port=port, ports=1)
@@ -206,7 +206,7 @@ def test_an_occupied_port_is_passed_over_or_refused(session):
     assert port_of(second) > port
 
 
-def test_clients_beyond_the_limit_are_refused_and_places_become_free(session, web):
+def test_clients_beyond_the_limit_are_refused_until_one_leaves(session, web):
     node = session.dashboard(most_clients=2)
     viewers = [session.view(node) for _ in range(2)]
     assert refused_handshake(web, node.address) == 503
@@ -253,12 +253,12 @@ def test_a_hostile_client_is_disconnected_and_the_others_are_served(served, web,
     assert web.run(hostile(web, node.address, frames)) in (None, 1002, 1006, 1008, 1009, 1013)
     name = os.urandom(8).hex()
     output.publish(Health(actuator_id=name))
-    viewer.wait_until_heard("/ema/health", lambda message: message.actuator_id == name)
+    viewer.wait_until_received("/ema/health", lambda message: message.actuator_id == name)
     wait_for_value(node, "clients", 1)
     assert session.view(node, "/ema/health").wait_for("/ema/health")
 
 
-def test_what_is_not_served_is_refused_with_a_message(served):
+def test_unsupported_requests_are_refused_with_a_message(served):
     session, node = served
     viewer = session.view(node)
     for request, words in (
@@ -322,7 +322,7 @@ def deaf_client(port: int) -> socket.socket:
     return connection
 
 
-def test_a_client_that_does_not_read_the_page_does_not_hold_up_the_end(session):
+def test_client_that_does_not_read_the_page_does_not_delay_shutdown(session):
     node = session.dashboard()
     with deaf_client(port_of(node)):
         wait_for(lambda: node._web._http.connections, "the connection")
@@ -337,7 +337,7 @@ def client(most_bytes: int) -> Client:
     return Client(unused, unused, print, most_bytes)
 
 
-def test_the_oldest_messages_make_room_and_the_protocol_stays():
+def test_oldest_messages_are_dropped_but_protocol_messages_are_kept():
     async def fill() -> None:
         box = client(100)
         box.take("protocol", droppable=False)
@@ -353,7 +353,7 @@ def test_the_oldest_messages_make_room_and_the_protocol_stays():
     asyncio.run(fill())
 
 
-def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
+def test_client_that_does_not_read_protocol_messages_is_disconnected():
     async def fill() -> None:
         box = client(100)
         box.take("a" * 60, droppable=False)
@@ -363,7 +363,7 @@ def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
     asyncio.run(fill())
 
 
-def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web):
+def test_new_client_receives_all_kept_messages_beyond_its_buffer(session, web):
     node = session.dashboard(buffer_mb=1.0)
     topic, count = "/ema/unit_history", 40
     viewer = session.view(node)
@@ -371,8 +371,8 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
     for number in range(count):  # 100 kB each: four times the buffer, created on request
         message = UnitHistory(actuator_id=str(number), serial_number="x" * 100_000)
         node._hub.keep(topic, str(number), partial(serialize_message, message), 0)
-    viewer.look_at(topic)
-    viewer.wait_until_heard(topic, lambda message: message.actuator_id == str(count - 1))
+    viewer.subscribe_to(topic)
+    viewer.wait_until_received(topic, lambda message: message.actuator_id == str(count - 1))
     received = [message.actuator_id for _, message in viewer.received[topic]]
     # It also receives histories of actuators of other tests, whose health is latched.
     names = [str(number) for number in range(count)]
@@ -389,7 +389,7 @@ def printed(node: DashboardNode, request: bytes) -> bytes:
     return b""
 
 
-def test_host_that_is_none_is_refused_and_in_no_header(served):
+def test_malformed_host_is_refused_and_not_echoed_in_headers(served):
     _, node = served
     for host in (b"localhost:1; script-src *", b"localhost:x", b"localhost\xff", b""):
         answer = printed(node, b"GET / HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
@@ -397,7 +397,7 @@ def test_host_that_is_none_is_refused_and_in_no_header(served):
         assert b"script-src *" not in answer.partition(b"\r\n\r\n")[0]
 
 
-def test_requests_that_are_none_are_counted_and_reported_in_a_line(served, caplog):
+def test_malformed_requests_are_counted_and_logged_in_a_line(served, caplog):
     _, node = served
     before = values(node)["refused requests"]
     both = b"GET / HTTP/1.1\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\nHost: h\r\n\r\n"
@@ -408,7 +408,7 @@ def test_requests_that_are_none_are_counted_and_reported_in_a_line(served, caplo
     assert "Traceback" not in caplog.text
 
 
-def test_connections_that_ask_for_nothing_shut_nobody_out(session: DashboardSession, web: Web):
+def test_idle_connections_do_not_block_other_clients(session: DashboardSession, web: Web):
     node = session.dashboard(most_clients=4)
     address = "127.0.0.1", port_of(node)
     mute = [socket.create_connection(address) for _ in range(100)]

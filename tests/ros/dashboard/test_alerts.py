@@ -16,7 +16,7 @@ from .session import DashboardSession, wait_for_value
 FLAP = {"actuator_id": "flap", "serial_number": "7", "cause": "friction 0.4"}
 
 
-def test_each_change_of_level_is_posted_until_it_is_taken(
+def test_each_change_of_level_is_posted_until_it_is_accepted(
     session: DashboardSession, tmp_path, monkeypatch, caplog
 ):
     received, answers = [], [500, 302]

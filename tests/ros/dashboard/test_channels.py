@@ -91,12 +91,12 @@ def test_values_arrive_as_they_were_published(session):
         publisher.publish(message)
     for name, message in zip(names, (block, window, health("flap"), array_of_status), strict=True):
         # Compare texts, as NaN differs from NaN. The dashboard also publishes on /diagnostics.
-        viewer.wait_until_heard(
+        viewer.wait_until_received(
             name, lambda received, sent=message: str(plain(received)) == str(plain(sent))
         )
 
 
-def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_again(session):
+def test_late_client_alone_receives_the_latest_message_of_each_actuator(session):
     outputs = [session.source.create_publisher(Health, "health", topics.ALIVE) for _ in range(2)]
     node = session.dashboard()
     early = session.view(node, "/ema/health")
@@ -104,7 +104,7 @@ def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_
     for number, message in enumerate(messages):
         outputs[number // 2].publish(message)
         # A message that arrives during the subscription may be delivered twice, but is not lost.
-        early.wait_until_heard(
+        early.wait_until_received(
             "/ema/health",
             lambda received, sent=messages[number]: str(plain(received)) == str(plain(sent)),
         )
@@ -115,18 +115,18 @@ def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_
     outputs[1].publish(health("right", 0.125))
     late.wait_for("/ema/health", 3)
     assert len(early.wait_for("/ema/health", before + 1)) == before + 1
-    late.look_away("/ema/health")
-    late.look_at("/ema/health")
+    late.unsubscribe_from("/ema/health")
+    late.subscribe_to("/ema/health")
     late.wait_for("/ema/health", 5)
 
 
-def test_telemetry_is_received_only_while_somebody_looks_at_it(session):
+def test_telemetry_is_received_only_while_a_client_subscribes(session):
     output = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
     node = session.dashboard()
     viewer = session.view(node)
     wait_for(lambda: "/ema/telemetry" in viewer.channels, "the channel")
     assert output.get_subscription_count() == 0
-    viewer.look_at("/ema/telemetry")
+    viewer.subscribe_to("/ema/telemetry")
     wait_for(output.get_subscription_count, "a subscription")
     viewer.close()
     wait_for(lambda: not output.get_subscription_count(), "the subscription to end")
@@ -144,7 +144,7 @@ def test_several_namespaces_are_shown(session):
     assert (first.health_index, second.health_index) == (0.25, 0.5)
 
 
-def test_messages_have_the_time_of_the_graph_and_where_it_jumps_back_nothing_later_is_kept(session):
+def test_log_times_follow_the_clock_and_a_jump_back_drops_later_messages(session):
     clock = session.source.create_publisher(Clock, "/clock", BEST_EFFORT)
     outputs = [session.source.create_publisher(Health, "health", topics.ALIVE) for _ in range(2)]
     node = session.dashboard()

@@ -20,9 +20,7 @@ def claimed(level: int, good_for_s: float, now_ns: int) -> Health:
 
 
 @pytest.mark.parametrize("how", ["silent", "expired"])
-def test_who_comes_after_a_monitor_has_gone_receives_nothing_that_it_stated(
-    session: DashboardSession, how: str
-):
+def test_late_client_receives_stale_after_a_monitor_has_gone(session: DashboardSession, how: str):
     output = session.source.create_publisher(Health, "health", topics.ALIVE)
     status = session.source.create_publisher(NodeStatus, "node_status", topics.STATE)
     node = session.dashboard()

@@ -27,7 +27,7 @@ def archive(tmp_path):
     return folder
 
 
-def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archive):
+def test_summary_is_read_from_the_configured_archive(session, web, archive):
     node = session.dashboard(archive=str(archive))
     code, headers, content = web.get(f"{node.address}fleet.json?most=5")
     assert (code, headers["Content-Type"]) == (200, "application/json")
@@ -41,13 +41,13 @@ def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archi
 
 
 @pytest.mark.parametrize("most", ["0", "101", "-1", "x", "²", "9" * 5000])
-def test_a_summary_beyond_its_bounds_is_refused(archive, most):
+def test_summary_with_too_many_rows_is_refused(archive, most):
     made = FleetDocument(str(archive))({"most": most}, "")
     assert made.status == 503
     assert "expected 1 to 100" in json.loads(made.content)["reason"]
 
 
-def test_an_archive_that_is_gone_or_damaged_is_named(archive, tmp_path):
+def test_missing_or_damaged_archive_is_reported(archive, tmp_path):
     for folder in (tmp_path / "nothing", archive):
         (archive / FILE).write_bytes(b"no table")
         made = FleetDocument(str(folder))({}, "")

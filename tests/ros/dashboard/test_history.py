@@ -97,7 +97,7 @@ def latest(viewer: Any) -> Any:
     return viewer.received[HISTORY][-1][1] if viewer.received[HISTORY] else None
 
 
-def test_the_history_survives_a_reload_and_continues_with_what_is_published(session):
+def test_history_survives_a_reload_and_continues_with_published_tests(session):
     monitor = Monitor(session)
     monitor.publish(2)
     node = session.dashboard()
@@ -106,7 +106,7 @@ def test_the_history_survives_a_reload_and_continues_with_what_is_published(sess
     assert latest(first).omitted == 7
     watcher = session.view(node, "/ema/health")
     monitor.publish(3, 1, events=(event(3, "step", "friction rose"), event(1, "restart", "x")))
-    watcher.wait_until_heard("/ema/health", lambda received: received.header.stamp.sec == 3)
+    watcher.wait_until_received("/ema/health", lambda received: received.header.stamp.sec == 3)
     first.close()
 
     def reloaded() -> Any:
@@ -127,7 +127,7 @@ def test_the_history_survives_a_reload_and_continues_with_what_is_published(sess
     assert monitor.asked == 1
 
 
-def test_a_monitor_that_begins_again_is_asked_again(session):
+def test_history_is_requested_again_after_a_restart_of_the_monitor(session):
     monitor = Monitor(session)
     viewer = session.view(session.dashboard(), HISTORY, "/ema/fault_estimate")
     monitor.publish(2, 5)
@@ -138,7 +138,7 @@ def test_a_monitor_that_begins_again_is_asked_again(session):
     wait_for(lambda: stamps(latest(viewer)) == list(range(6)), "the new base")
 
 
-def test_a_monitor_that_begins_again_while_it_is_asked_is_asked_again(session):
+def test_history_is_requested_again_if_the_monitor_restarts_meanwhile(session):
     monitor, dashboard = Monitor(session), session.dashboard()
     viewer = session.view(dashboard, HISTORY)
 
@@ -153,7 +153,7 @@ def test_a_monitor_that_begins_again_while_it_is_asked_is_asked_again(session):
     wait_for(lambda: latest(viewer) and stamps(latest(viewer)) == list(range(6)), "the new base")
 
 
-def test_a_replaced_unit_has_a_history_of_its_own(session):
+def test_replaced_unit_has_a_separate_history(session):
     monitor = Monitor(session)
     monitor.publish(2)
     description = session.source.create_publisher(
@@ -169,7 +169,7 @@ def test_a_replaced_unit_has_a_history_of_its_own(session):
     )
 
 
-def test_without_a_monitor_that_has_histories_the_tests_since_are_shown(session):
+def test_tests_are_shown_without_a_monitor_that_has_histories(session):
     node = session.dashboard()
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
     healths = session.source.create_publisher(Health, "health", topics.ALIVE)
@@ -198,7 +198,7 @@ def test_a_history_is_bounded(monkeypatch: pytest.MonkeyPatch):
     assert len(message.events) == 5
 
 
-def test_an_event_that_comes_again_is_one():
+def test_repeated_event_is_stored_once():
     history, reported = ActuatorHistory("flap", "1"), event(5, "step", "friction rose")
     history.note_health(health(5, (reported,)))
     history.note_health(health(5, (reported,)))
@@ -207,7 +207,7 @@ def test_an_event_that_comes_again_is_one():
     assert history.message().events == [reported]
 
 
-def test_what_only_the_dashboard_sees_stays_in_the_history():
+def test_events_of_the_dashboard_stay_in_the_history():
     history = ActuatorHistory("flap", "1")
     refused = estimate(6, 1)
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
@@ -231,7 +231,7 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     assert history.message().events == [missing, restart, gap]
 
 
-def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
+def test_refusal_that_mentions_a_calibration_is_not_a_calibration_event():
     """The reason may compare the record with the calibration."""
     history = ActuatorHistory("flap", "1")
     refused = estimate(6, 1)
@@ -241,7 +241,7 @@ def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
     assert history.news() is None
 
 
-def test_record_of_a_learning_joint_is_no_event_of_the_calibration():
+def test_record_of_a_learning_joint_is_not_a_calibration_event():
     history = ActuatorHistory("flap", "1")
     for sec, codes in ((6, ["learning"]), (7, ["learning", "window_unusable"]), (8, ["learning"])):
         record = estimate(sec, sec)
@@ -252,7 +252,7 @@ def test_record_of_a_learning_joint_is_no_event_of_the_calibration():
     assert history.news() is None
 
 
-def test_tests_that_a_monitor_has_lost_are_reported_where_they_were():
+def test_tests_that_a_monitor_lost_are_reported_as_an_event():
     history = ActuatorHistory("flap", "1")
     base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(n) for n in (1, 2)])
     history.set_base(base)
@@ -303,7 +303,7 @@ def test_a_gap_is_reported_at_once_and_shown_after_a_reload(session):
     assert [item.text for item in reloaded.events] == [reported.text]
 
 
-def test_a_base_does_not_lose_the_tests_that_came_after_it():
+def test_base_keeps_tests_received_after_it():
     history = ActuatorHistory("flap", "1")
     for sec in (5, 6):
         history.note_estimate(estimate(sec, sec))
@@ -316,7 +316,7 @@ def test_a_base_does_not_lose_the_tests_that_came_after_it():
     assert stamps(history.message()) == [0, 5]
 
 
-def test_a_stale_health_does_not_take_the_place_of_that_after_the_test():
+def test_stale_health_does_not_replace_the_health_after_the_test():
     history = ActuatorHistory("flap", "1")
     history.note_estimate(estimate(5))
     history.note_health(health(5))

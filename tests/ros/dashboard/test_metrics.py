@@ -127,7 +127,7 @@ def exposed(metrics: Metrics, accept: str = OPEN_METRICS) -> dict[str, Metric]:
     return parsed(metrics.exposition({}, accept).content, accept)
 
 
-def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
+def test_metrics_of_a_graph_reach_a_client(session: DashboardSession, web):
     healths = session.source.create_publisher(Health, "health", topics.ALIVE)
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
     statuses = session.source.create_publisher(NodeStatus, "node_status", topics.STATE)
@@ -168,7 +168,7 @@ def _clock(sec: int) -> Clock:
     return message
 
 
-def test_figures_are_those_of_the_messages_in_base_units(metrics):
+def test_metrics_are_the_values_of_messages_in_base_units(metrics):
     samples = values(exposed(metrics))
     flap = ("/ema", "flap")
     assert samples["ema_actuator_info", *flap, "7", "F-1"] == 1
@@ -231,7 +231,7 @@ def test_another_unit_has_no_health_yet(metrics):
     assert samples["ema_estimate_computing_seconds_count", "/ema", "flap"] == 5
 
 
-def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
+def test_hostile_names_do_not_break_the_format_or_exhaust_memory(metrics):
     evil = 'a"} 1\nema_health_level{x="\\\udc80'
     metrics.note("/ema", health(evil))
     samples = values(exposed(metrics))
@@ -246,7 +246,7 @@ def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
 
 
 @pytest.mark.parametrize("accept", ["", "application/openmetrics-text; version=x", "a;=,;"])
-def test_clients_of_other_formats_get_the_plain_one(metrics, accept):
+def test_clients_of_other_formats_get_plain_text(metrics, accept):
     made = metrics.exposition({}, accept)
     assert made.content_type.startswith("text/plain; version=0.0.4")
     assert "ema_health_level" in parsed(made.content, "text/plain")
@@ -262,7 +262,7 @@ def queries() -> list[str]:
     return [*variables, *(target["expr"] for panel in panels() for target in panel["targets"])]
 
 
-def test_grafana_asks_for_metrics_and_labels_that_are_there(metrics):
+def test_grafana_queries_existing_metrics_and_labels(metrics):
     labels = {
         sample.name: set(sample.labels)
         for family in exposed(metrics).values()

@@ -96,7 +96,7 @@ def position_s(state: PlaybackState) -> float:
     return (stamp_from_message(state.position) - START_NS) / 1e9
 
 
-def test_a_seek_publishes_what_is_latched_there_and_then_continues(session, bag):
+def test_seek_publishes_latched_messages_of_the_new_time_and_continues(session, bag):
     replay = Replay(session, bag)
     check_done(replay.call("pause"))
     for seconds, latched in (
@@ -128,7 +128,7 @@ def test_impossible_rates_and_times_are_refused(session, bag):
     check_refused(answer, f"is outside {bag}")
 
 
-def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
+def test_player_that_stays_at_the_end_can_seek_back(session, bag):
     replay = Replay(session, bag, rate=100.0, stay=True)
     replay.wait_for_state(lambda state: state.status == PlaybackState.ENDED)
     wait_for(lambda: len(replay.indices) == LAST + 1, "all messages")  # late on a busy machine
@@ -163,7 +163,7 @@ def reported(viewer: Viewer, request: str) -> dict[str, Any]:
     return answers()[-1]
 
 
-def test_a_replay_is_driven_from_foxglove(session, bag):
+def test_foxglove_controls_a_replay(session, bag):
     node = session.dashboard()
     before = session.view(node)
     replay = Replay(session, bag, stay=True)
@@ -172,7 +172,7 @@ def test_a_replay_is_driven_from_foxglove(session, bag):
     information = viewer.reported[0]
     assert information["dataStartTime"] == {"sec": START_NS // 10**9, "nsec": 0}
     assert information["dataEndTime"] == {"sec": START_NS // 10**9 + 20, "nsec": 0}
-    viewer.look_at("/ema/telemetry", "/ema/health")
+    viewer.subscribe_to("/ema/telemetry", "/ema/health")
 
     viewer.control(play=False, request="pause")
     assert reported(viewer, "pause")["status"] == 1
@@ -195,12 +195,12 @@ def test_a_replay_is_driven_from_foxglove(session, bag):
     viewer.control(play=False, speed=4.0, seek_ns=START_NS + 2 * 10**9, request="back")
     reported(viewer, "back")
     late = reconnected(session, node)
-    late.look_at("/ema/health")
+    late.subscribe_to("/ema/health")
     stamps = {m.header.stamp.sec - START_NS // 10**9 for m in late.wait_for("/ema/health", 2)}
     assert stamps == {0, 1}  # nothing later than the new time
 
 
-def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
+def test_request_that_the_player_refuses_is_answered_and_changes_nothing(session, bag):
     node = session.dashboard()
     replay = Replay(session, bag)
     viewer = reconnected(session, node)
@@ -211,7 +211,7 @@ def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
     assert replay.player._playback.rate == 1.0
 
 
-def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, monkeypatch):
+def test_answer_reports_the_state_of_the_player_after_the_request(session, monkeypatch):
     asked, frames = threading.Event(), queue.SimpleQueue()
 
     async def call(*_: object, **__: object) -> None:
@@ -238,7 +238,7 @@ def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, m
     assert struct.unpack_from("<BBQfBI", frame) == (5, 1, START_NS + 5 * 10**9, 2.0, 1, 4)
 
 
-def test_player_whose_name_is_not_known_yet_is_waited_for(
+def test_player_with_an_unknown_name_is_awaited(
     session: DashboardSession, monkeypatch: pytest.MonkeyPatch
 ):
     """The middleware reports such a name until it has discovered the node of a publisher."""

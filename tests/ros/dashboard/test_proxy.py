@@ -105,13 +105,13 @@ def test_all_addresses_of_the_page_are_below_the_path_of_the_proxy(proxied, cert
     assert status == 400, answer
 
 
-def test_other_origins_stay_out_behind_a_proxy(proxied, certificate, web: Web):
+def test_other_origins_are_refused_behind_a_proxy(proxied, certificate, web: Web):
     _, address = proxied
     headers = {"Authorization": f"Bearer {TOKEN}", "Origin": "https://elsewhere.example"}
     assert web.get(address, ssl=trusting(certificate), headers=headers)[0] == 403
 
 
-def test_data_come_through_the_proxy(proxied, certificate, web: Web):
+def test_data_arrive_through_the_proxy(proxied, certificate, web: Web):
     _, address = proxied
     headers = {"Authorization": f"Bearer {TOKEN}", "Origin": address.partition("/hall")[0]}
 
