@@ -142,7 +142,7 @@ class _Actuator:
         return spans
 
     def possibly_missed(self, start_ns: int, end_ns: int) -> int:
-        """Return the number of answers that may have been sent while the recorder was deaf."""
+        """Return the number of answers that may have been sent while nothing was received."""
         steps = [late.sent_ns - early.sent_ns for early, late in pairwise(self.answers)]
         period_ns = max(statistics.median(steps or [_NS]), _NS / 10)
         return sum(1 + int(span / period_ns) for span in self.missed_ns(start_ns, end_ns))
