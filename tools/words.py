@@ -55,10 +55,17 @@ NAMES: Final = frozenset(
 )
 """Names of variables that are not nouns of the field."""
 
-UNTREATED: Final[tuple[str, ...]] = ()
+UNTREATED: Final[tuple[str, ...]] = (
+    *("tests/bags", "tests/cli", "tests/core", "tests/harness", "tests/inputs", "tests/monitor"),
+    *("tests/prognosis", "tests/sim", "tests/study"),
+)
 """Paths whose docstrings, comments and names are not checked yet."""
 
-PATTERNS: Final = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")
+PATTERNS: Final = (
+    *("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py"),
+    # The tests of this file contain the words.
+    *("benchmarks/*.py", "tests/*.py", ":!tests/harness/test_words.py"),
+)
 COMMAND: Final = re.compile(r"\.(command|group)\b")
 FENCE: Final = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 CODE: Final = re.compile(r"``[^`]*``|`[^`\n]*`")

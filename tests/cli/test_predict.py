@@ -47,7 +47,7 @@ NS_PER_HOUR = 3_600_000_000_000
 
 @pytest.fixture(scope="module")
 def reported(ema, life_folder, tmp_path_factory):
-    picture = tmp_path_factory.mktemp("reported") / "told.png"
+    picture = tmp_path_factory.mktemp("reported") / "life.png"
     result = ema("predict", life_folder, "--json", "-o", picture)
     assert (result.exit_code, result.stderr) == (0, "")
     assert picture.stat().st_size > 20_000

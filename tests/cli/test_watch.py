@@ -328,7 +328,7 @@ def test_watch_reports_missing_messages_and_the_namespaces_that_have_some(publis
     log = tmp_path / "log"
     command = ["ema", "watch", "--namespace", "wing/left"]
     with log.open("w") as file, started(command, stderr=file, stdout=file) as process:
-        wait_for(lambda: "with --namespace" in log.read_text(), "that nothing is heard")
+        wait_for(lambda: "with --namespace" in log.read_text(), "a report of nothing received")
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=DEADLINE_S) == 0
     domain = os.environ["ROS_DOMAIN_ID"]

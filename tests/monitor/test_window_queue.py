@@ -185,4 +185,4 @@ def test_windows_of_a_removed_actuator_are_released():
     queue.forget("a")
     assert (len(queue), queue.dropped) == (1, {"": 2, "b": 0})
     assert names(drain(queue, 1)) == [("b", 0)]
-    queue.forget("never heard")
+    queue.forget("unknown")
