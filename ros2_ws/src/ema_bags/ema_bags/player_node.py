@@ -84,7 +84,7 @@ class PlayerNode(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Stop before the next message."""
+        """Pause the playback before the next message."""
         self._halt()
 
     def tasks(self) -> list[Task]:
@@ -119,7 +119,7 @@ class PlayerNode(ManagedNode):
             self._worker.start()
 
     def _halt(self) -> None:
-        """Stop before the next message."""
+        """Stop the playback before the next message."""
         self._stop.set()  # also stops a burst, which holds the lock
         with self._steered:
             self._stop.set()
@@ -127,7 +127,7 @@ class PlayerNode(ManagedNode):
                 self._worker.join()
 
     def _answerer(self, name: str) -> Callable[[Any, Any], Any]:
-        """Return the callback of a service."""
+        """Return the callback of a service, which answers with the reason if it refuses."""
         act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
 
         def answer(request: Any, response: Any) -> Any:

@@ -269,7 +269,7 @@ class Bag(Recording):
                 self._note(self.path, f"topic {name}: {lost}")
 
     def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
-        """Return stretches that may have messages of the topics, by their first log time."""
+        """Return the stretches that may have messages of the topics, ordered by first log time."""
         stretches = []
         for file_number, (path, contents) in enumerate(self._files.items()):
             channels = {n for n, channel in contents.channels.items() if channel.topic in chosen}

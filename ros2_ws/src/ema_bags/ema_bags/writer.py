@@ -431,7 +431,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._metadata = None
 
     def _flush(self) -> None:
-        """Write all messages to the operating system, and end a failure."""
+        """Write all messages to the operating system; if that succeeds, clear ``failure``."""
         self._flushed_s = time.monotonic()
         if not self._file.disk.is_at(self._file.path):
             self._replace_removed()

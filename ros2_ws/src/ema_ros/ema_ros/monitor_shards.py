@@ -66,7 +66,7 @@ def _last(key: Any) -> str:
 
 
 def _merged(general: Any, special: Any) -> Any:
-    """Return a section with the entries of ``special`` in place of general ones."""
+    """Merge two sections; entries of ``special`` override entries of ``general``."""
     if not isinstance(general, dict) or not isinstance(special, dict):
         return special
     return {**general, **{key: _merged(general.get(key), value) for key, value in special.items()}}

@@ -223,7 +223,7 @@ class Bridge:
         return 1.0 / mean_s if self._is_other(mean_s) else 0.0
 
     def take_rises(self) -> list[MeasuredRise]:
-        """Return temperature rises since the previous call, at most one per second."""
+        """Return the temperature rises since the previous call, at most one per second."""
         sampler = self._stream.rises if self._stream else None
         return sampler.take() if sampler else []
 

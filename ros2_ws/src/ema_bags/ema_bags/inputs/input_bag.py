@@ -51,7 +51,7 @@ class InputBag(InputFile):
         return series
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Raise ValueError: a bag has no columns."""
+        """Raise ValueError, because a bag has no columns."""
         raise ValueError(f"{self.path} is a bag: expected a table")
 
     @property

@@ -161,7 +161,7 @@ class TableJoints:
         return _with_joint_side(first, second[0], tuple(further))
 
     def _is_certain(self, joint: JointColumns) -> bool:
-        """Return whether a further joint is measured, rather than a set of setpoints."""
+        """Return whether a further joint has measured columns, rather than setpoints."""
         hints = [self._hint(column.name) for column in joint.columns.values()]
         return (
             joint.columns["position"].is_confirmed
