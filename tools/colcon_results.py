@@ -19,8 +19,9 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 
 def packages() -> list[str]:
     """Return the names of all packages."""
-    places = ("ema_*", "ros2_ws/src/ema_*")
-    return sorted(path.parent.name for one in places for path in ROOT.glob(f"{one}/package.xml"))
+    folders = ("ema_*", "ros2_ws/src/ema_*")
+    manifests = [path for folder in folders for path in ROOT.glob(f"{folder}/package.xml")]
+    return sorted(path.parent.name for path in manifests)
 
 
 def without_tests(names: Iterable[str], lines: Iterable[str]) -> list[str]:

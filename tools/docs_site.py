@@ -97,13 +97,13 @@ def on_page_content(content: str, page: Any, **_: Any) -> str:
 def on_post_build(config: Any) -> None:
     """Fail if the site makes requests to other hosts, or has no search index."""
     site = Path(config.site_dir)
-    asked = [
+    requests = [
         f"{path.relative_to(site)}: {request[0]}"
         for path in sorted(site.rglob("*"))
         if path.suffix in {".html", ".css"}
         for request in REQUEST.finditer(path.read_text(encoding="utf-8"))
     ]
-    if asked:
-        raise PluginError("requests to other hosts:\n" + "\n".join(asked))
+    if requests:
+        raise PluginError("requests to other hosts:\n" + "\n".join(requests))
     if not (site / "search" / "search_index.json").is_file():
         raise PluginError("no search index")

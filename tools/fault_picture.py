@@ -30,8 +30,8 @@ PANELS = {
 
 def window(faults: dict[str, float]) -> Telemetry:
     """Simulate an actuator with faults and return the telemetry of its test window."""
-    [found] = find_windows(simulate(faults))
-    return found.telemetry
+    [test_window] = find_windows(simulate(faults))
+    return test_window.telemetry
 
 
 def picture() -> Figure:

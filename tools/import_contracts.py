@@ -67,6 +67,6 @@ class ContainersContract(Contract):
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         """Print the imports of containing packages."""
-        for found in check.metadata["inward"]:
-            output.print_error(f"- {found}", bold=False)
+        for import_ in check.metadata["inward"]:
+            output.print_error(f"- {import_}", bold=False)
         output.new_line()

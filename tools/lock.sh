@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Compiles requirements/*.in to lock.txt, sbom.lock.txt and docs.lock.txt beside them, with the hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
+# Compiles requirements/*.in to lock.txt, sbom.lock.txt and docs.lock.txt in the same folder, with the
+# hashes of all files of each release. Arguments such as --upgrade are passed to uv.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-# Wheels only, so that nothing is compiled; empy comes as a source.
+# Only wheels, so that nothing is compiled, except empy, which has no wheel.
 export UV_SYSTEM_CERTS=1 UV_CUSTOM_COMPILE_COMMAND='make lock'
 options=("$@")
 compile() {
@@ -12,8 +13,8 @@ compile() {
         --only-binary :all: --no-binary empy --python-version "$@"
 }
 
-# lock FILE INPUT...: what the oldest Python can use, the newer ones can. Resolve for it, then let
-# each of the others resolve again within these versions, which fails where a wheel is missing.
+# lock FILE INPUT...: resolve the versions for the oldest Python, because newer Pythons can use them as
+# well. Then resolve again with these versions for each newer Python; this fails if a wheel is missing.
 lock() {
     local file=$1 version
     shift
@@ -25,7 +26,7 @@ lock() {
 
 lock requirements/lock.txt requirements/{ros,runtime,dev}.in --excludes requirements/excluded.txt
 
-# A newer ROS distribution is the one thing that resolves well and is wrong all the same.
+# A newer ROS distribution would resolve without an error, but would be wrong.
 grep -q '^ros-rclpy==7\.1\.[0-9]* ' requirements/lock.txt || {
     echo "lock: rclpy is not Jazzy's 7.1: pin what brought it in requirements/ros.in" >&2
     exit 1

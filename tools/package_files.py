@@ -175,9 +175,9 @@ def _restructured(text: str) -> str:
     plain = (re.sub(r"([*|_\\])", r"\\\1", part) for part in code[::2])
     literal = (f"``{part}``" for part in code[1::2])
     pieces = [next(plain)]
-    for one, more in zip(literal, plain, strict=True):
+    for code_part, after in zip(literal, plain, strict=True):
         # Inline literals end at a space or a punctuation mark.
-        pieces += [one, "\\ " if more[:1].isalnum() else "", more]
+        pieces += [code_part, "\\ " if after[:1].isalnum() else "", after]
     return "".join(pieces)
 
 

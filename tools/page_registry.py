@@ -36,25 +36,25 @@ def registry() -> dict[str, Any]:
     """Return names, labels and scales of faults, and labels of hidden causes and quantities."""
     faults = [
         {
-            "name": one.name,
-            "label": one.label,
-            "healthy": one.healthy,
-            "highest": one.highest,
-            "twoSided": one.is_two_sided,
-            "assessed": one.limit is not None,
-            "quantity": one.quantity,
-            "base": one.base,
-            "slope": one.slope,
-            "unit": one.unit,
+            "name": fault.name,
+            "label": fault.label,
+            "healthy": fault.healthy,
+            "highest": fault.highest,
+            "twoSided": fault.is_two_sided,
+            "assessed": fault.limit is not None,
+            "quantity": fault.quantity,
+            "base": fault.base,
+            "slope": fault.slope,
+            "unit": fault.unit,
         }
-        for one in FAULTS
+        for fault in FAULTS
     ]
     return {
         "faults": faults,
         "causes": {name: cause.label for name, cause in CAUSE_BY_NAME.items()},
         "quantities": {
-            name: {"label": one.label, "reference": one.reference}
-            for name, one in QUANTITIES.items()
+            name: {"label": quantity.label, "reference": quantity.reference}
+            for name, quantity in QUANTITIES.items()
         },
     }
 
@@ -68,38 +68,40 @@ def interfaces() -> str:
     return head + "".join(text for _, text in sorted(_types(_READ, {}).items()))
 
 
-def _types(classes: Any, known: dict[str, str]) -> dict[str, str]:
-    """Return TypeScript types of messages and of the messages in them, keyed by name.
+def _types(classes: Any, types: dict[str, str]) -> dict[str, str]:
+    """Add TypeScript types of messages, and of the messages in them, to ``types`` and return it.
 
-    Types that are already in ``known`` are not generated again.
+    ``types`` is keyed by the name of the message; existing types are not generated again.
     """
-    for one in classes:
-        if one.__name__ in known:
+    for message in classes:
+        if message.__name__ in types:
             continue
-        fields = one.get_fields_and_field_types()
-        known[one.__name__] = ""
-        _types(_contained(fields.values()), known)
+        fields = message.get_fields_and_field_types()
+        types[message.__name__] = ""
+        _types(_contained(fields.values()), types)
         if set(fields.values()) == {"double"}:
             # For example a fault vector, whose fields are read by name.
-            known[one.__name__] = f"\nexport type {one.__name__} = Record<string, number>;\n"
+            types[message.__name__] = (
+                f"\nexport type {message.__name__} = Record<string, number>;\n"
+            )
             continue
         lines = [f"  {name}: {_type(kind)};" for name, kind in fields.items()]
         body = "\n".join(lines)
-        known[one.__name__] = f"\nexport interface {one.__name__} {{\n{body}\n}}\n"
-    return known
+        types[message.__name__] = f"\nexport interface {message.__name__} {{\n{body}\n}}\n"
+    return types
 
 
 def _contained(kinds: Any) -> Iterator[Any]:
     for kind in kinds:
-        found = re.search(r"(\w+)/(\w+)", kind)
-        if found:
-            yield message_class(f"{found[1]}/msg/{found[2]}")
+        name = re.search(r"(\w+)/(\w+)", kind)
+        if name:
+            yield message_class(f"{name[1]}/msg/{name[2]}")
 
 
 def _type(kind: str) -> str:
-    many = re.fullmatch(r"sequence<(.*)>|(.*)\[\d+\]", kind)
-    if many:
-        item = many[1] or many[2]
+    array = re.fullmatch(r"sequence<(.*)>|(.*)\[\d+\]", kind)
+    if array:
+        item = array[1] or array[2]
         return _ARRAYS.get(item) or f"{_type(item)}[]"
     return "number" if kind in _NUMBERS else _SIMPLE.get(kind) or kind.rpartition("/")[2]
 

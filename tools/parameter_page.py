@@ -45,11 +45,11 @@ _CHANGES: Final = {LIVE: "live", AT_CONFIGURE: "configure"}
 def parameter_page() -> str:
     """Return the content of docs/parameters.md."""
     rows = {name: list(dict.fromkeys(_rows(name))) for name in NODES}
-    shared = [row for row in rows["monitor"] if all(row in own for own in rows.values())]
+    shared = [row for row in rows["monitor"] if all(row in of_node for of_node in rows.values())]
     lines = [_HEAD]
-    for name, own in {"all nodes": shared, **rows}.items():
+    for name, section in {"all nodes": shared, **rows}.items():
         lines += [f"## {name}", "", "| parameter | default | values | change | meaning |"]
-        kept = [row for row in own if own is shared or row not in shared]
+        kept = [row for row in section if section is shared or row not in shared]
         lines += ["|---|---|---|---|---|", *kept, ""]
     return "\n".join(lines)
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs the numerics by pip where there is no ROS, reads the sample bag and identifies its faults.
+# Installs the numerics with pip, without ROS, reads the sample bag and identifies its faults.
 #
-#   tools/pip_check.sh        the Python of .venv; versions are those of requirements/lock.txt
+#   tools/pip_check.sh        uses the Python of .venv and the versions in requirements/lock.txt
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -13,13 +13,13 @@ trap 'rm -rf "$place"' EXIT
 
 "$(<"$root/.venv/.python")" -m venv "$place/venv"
 grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
-# Copies: pip would build within the sources.
+# Copy the packages, because pip would build in the source folders.
 for package in ema_core ema_sim ema_monitor ema_archive ros2_ws/src/ema_ros ros2_ws/src/ema_bags; do
     cp -r "$root/$package" "$place"
 done
 cd "$place"
 own=(./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive)
-# pip checks no hashes where a folder is installed: first what is needed, with hashes, then our own.
+# pip does not check hashes if it installs a folder: install the dependencies with hashes first.
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
     --dry-run --report needed.json "${own[@]}"
 "$root/.venv/bin/python" - "$root/requirements/lock.txt" >needed.txt <<'EOF'
@@ -38,7 +38,7 @@ venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r nee
 venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation "${own[@]}"
 venv/bin/pip check
 rm -rf ema_*
-# Alone: the folder may also hold the bags of demos.
+# Copy only the sample bag: the folder may also contain bags of demos.
 mkdir bags
 cp "$root/bags/faulty_flap.mcap" bags
 XDG_CACHE_HOME=$place venv/bin/python - bags/faulty_flap.mcap <<'EOF'
@@ -52,8 +52,8 @@ from ema_core.tasks import Workers
 from ema_monitor import identify
 from ema_monitor.recordings import read_windows
 
-found = read_windows(sys.argv[1])
-estimate = identify(found.usable[0], found.description)
+windows = read_windows(sys.argv[1])
+estimate = identify(windows.usable[0], windows.description)
 print(estimate)
 with Manifest(Path("archive"), is_new=True) as manifest, Workers("threads", 1) as workers:
     scan(manifest, [str(Path(sys.argv[1]).parent)])

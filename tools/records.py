@@ -58,8 +58,8 @@ _GROWTH: Final = UNIT_TABLES["growth"]
 _HEALTH_PARTS: Final[tuple[tuple[str, str, str, Collection[str]], ...]] = (
     ("Health", "Health", "health", HEALTH.names),
     ("Fault or requirement", "FaultHealth", "growth", _GROWTH.names),
-    ("Remaining life", "RemainingUsefulLife", "", [each.name for each in HEALTH.field("rul").type]),
-    ("Event", "UnitEvent", "", [each.name for each in HEALTH.field("events").type.value_type]),
+    ("Remaining life", "RemainingUsefulLife", "", [item.name for item in HEALTH.field("rul").type]),
+    ("Event", "UnitEvent", "", [item.name for item in HEALTH.field("events").type.value_type]),
 )
 """Title, message, table and columns of each part of a health report."""
 
@@ -108,13 +108,13 @@ def records_page() -> str:
 def _estimate_rows() -> Iterator[str]:
     in_json = {item.name for item in fields(Estimate)}
     by_message = {message: name for name, message in REPRESENTED.items()}
-    for one in message_fields("FaultEstimate"):
-        if one.name in UNIT:
+    for field in message_fields("FaultEstimate"):
+        if field.name in UNIT:
             continue
-        name = by_message.get(one.name, one.name)
+        name = by_message.get(field.name, field.name)
         is_in_json = name in in_json or name in ("reason", "excitation_limit")
         shown = f"`{name}`" if is_in_json else "–"
-        yield f"| `{one.name}` | {shown} | {_escaped(one.meaning)} |"
+        yield f"| `{field.name}` | {shown} | {_escaped(field.meaning)} |"
     for name, meaning in JSON_ALONE.items():
         yield f"| – | `{name}` | {meaning} |"
 

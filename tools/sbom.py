@@ -52,8 +52,8 @@ def installed() -> dict[str, Any]:
     bill = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
     text = (VENV / "lock.txt").read_text(encoding="utf-8")
     locked = dict(re.findall(r"^([^\s#=]+)==(\S+)", text, re.MULTILINE))
-    found = {key(item["name"]): item["version"] for item in bill["components"]}
-    wrong = [f"{name} {locked[name]}" for name in locked if found.get(name) != locked[name]]
+    versions = {key(item["name"]): item["version"] for item in bill["components"]}
+    wrong = [f"{name} {locked[name]}" for name in locked if versions.get(name) != locked[name]]
     if wrong:
         sys.exit(
             f"sbom: installed versions differ from the locked versions: {', '.join(wrong)}; run "
@@ -72,9 +72,9 @@ def installed() -> dict[str, Any]:
             item["licenses"] = licences_of(item["name"].removeprefix("ros-").replace("-", "_"))
         if not item.get("licenses") and item["name"] in LICENCES:
             item["licenses"] = [{"license": {"id": LICENCES[item["name"]]}}]
-    silent = [item["name"] for item in kept if not item.get("licenses")]
-    if silent:
-        sys.exit(f"sbom: unknown licence of {', '.join(silent)}; add it in tools/sbom.py")
+    unknown = [item["name"] for item in kept if not item.get("licenses")]
+    if unknown:
+        sys.exit(f"sbom: unknown licence of {', '.join(unknown)}; add it in tools/sbom.py")
     return bill
 
 
@@ -114,7 +114,7 @@ def bundled() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     dependencies = [
         {
             "ref": purls[name],
-            "dependsOn": sorted(purls[one] for one in item.get("dependencies", {})),
+            "dependsOn": sorted(purls[needed] for needed in item.get("dependencies", {})),
         }
         for name, item in shipped.items()
     ]
@@ -128,7 +128,7 @@ def _hexadecimal(integrity: str) -> str:
     return base64.b64decode(digest).hex()
 
 
-def own() -> list[dict[str, Any]]:
+def repository_packages() -> list[dict[str, Any]]:
     """Return the packages of this repository, from their manifests."""
     components = []
     manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_*/package.xml")]
@@ -147,15 +147,15 @@ def main() -> None:
     output = Path(sys.argv[1])
     bill = installed()
     page, page_dependencies = bundled()
-    ours = own()
-    bill["components"] += [*page, *ours]
+    packages = repository_packages()
+    bill["components"] += [*page, *packages]
     bill["dependencies"] += page_dependencies
     bill["metadata"]["component"] = {
         "type": "application",
         "bom-ref": "ema-health-monitor",
         "name": "EMA health monitor",
-        "version": ours[0]["version"],
-        "licenses": ours[0]["licenses"],
+        "version": packages[0]["version"],
+        "licenses": packages[0]["licenses"],
     }
     text = json.dumps(bill, indent=2, ensure_ascii=False) + "\n"
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)

@@ -79,20 +79,21 @@ def main() -> int:
     parser.add_argument(
         "--limit", type=float, default=3600.0, help="time limit of a run [s] (%(default)g)"
     )
-    own, arguments = parser.parse_known_args()
+    options, arguments = parser.parse_known_args()
     logs = Path(tempfile.mkdtemp(prefix="soak_"))
     print(f"output of each run in {logs}", flush=True)
     failed = 0
-    for number in range(1, own.runs + 1):
-        others = own.processes if number > own.runs - own.busy else 0
+    for number in range(1, options.runs + 1):
+        is_loaded = number > options.runs - options.busy
+        load = options.processes if is_loaded else 0
         began_s = time.monotonic()
-        with busy(others):
-            passed, line = run(arguments or [*DEFAULT], own.limit, logs / f"{number}.log")
+        with busy(load):
+            passed, line = run(arguments or [*DEFAULT], options.limit, logs / f"{number}.log")
         failed += not passed
         took_s = time.monotonic() - began_s
         verdict = "passed" if passed else "FAILED"
-        print(f"{number:3d}  {others} busy  {verdict}  {took_s:6.0f} s  {line}", flush=True)
-    print(f"{own.runs - failed} of {own.runs} runs passed")
+        print(f"{number:3d}  {load} busy  {verdict}  {took_s:6.0f} s  {line}", flush=True)
+    print(f"{options.runs - failed} of {options.runs} runs passed")
     return 1 if failed else 0
 
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Sets the project up, runs `make quick` and a demo of ten seconds, with each Python that it is for.
+# Sets up the project, and runs `make quick` and a demo of 10 s, with each supported Python.
 #
-#   tools/test_pythons.sh         # Python 3.11, 3.12 and 3.13, those installed
-#   tools/test_pythons.sh 3.13    # one of them
+#   tools/test_pythons.sh         # the installed ones of Python 3.11, 3.12 and 3.13
+#   tools/test_pythons.sh 3.13    # a single version
 #
-# Each runs in a clone of the last commit, so that .venv stays as it is.
+# Each version runs in a clone of the last commit, so that .venv does not change.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -14,14 +14,14 @@ versions=("$@")
 work=$(mktemp -d -t ema_pythons_XXXXXX)
 trap 'rm -rf "$work"' EXIT
 
-# python_of VERSION: print an interpreter of that version, on the path or of pyenv, that can be set up
+# python_of VERSION: print an interpreter of a version, on the path or in pyenv, with headers and venv
 probe='
 import ensurepip, os, sysconfig, venv
 os.stat(os.path.join(sysconfig.get_path("include"), "Python.h"))
 '
 python_of() {
     local candidate
-    # A shim of pyenv is on the path whether its version is chosen or not.
+    # A shim of pyenv is on the path even if its version is not selected.
     for candidate in $(type -aP "python$1") "${PYENV_ROOT:-$HOME/.pyenv}"/versions/"$1".*/bin/"python$1"; do
         if [[ -x $candidate ]] && "$candidate" -c "$probe" 2>/dev/null; then
             echo "$candidate"
@@ -30,7 +30,7 @@ python_of() {
     done
 }
 
-# What an activated shell has of this repository, the clones shall not find.
+# Hide the environment of an activated shell from the clones.
 if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
     unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH VIRTUAL_ENV
     unset "${!ROS_@}" FASTRTPS_DEFAULT_PROFILES_FILE

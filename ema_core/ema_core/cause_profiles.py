@@ -85,16 +85,16 @@ def _parsed(text: str) -> tuple[str, Profile]:
     match = _TEXT.fullmatch(text) if isinstance(text, str) else None
     if match is None:
         raise ValueError(f"hidden cause {text!r}: expected {GRAMMAR}")
-    name, *figures = match.groups()
+    name, *number_texts = match.groups()
     cause = _cause(name)
     numbers = []
-    for what, figure, unit in zip(
-        (f"{cause.name} =", "start", "end"), figures, (cause.unit, "s", "s"), strict=True
+    for what, number, unit in zip(
+        (f"{cause.name} =", "start", "end"), number_texts, (cause.unit, "s", "s"), strict=True
     ):
         try:
-            numbers.append(None if figure is None else float(figure))
+            numbers.append(None if number is None else float(number))
         except ValueError:
-            quoted = f"{what} {figure} {unit if unit != '-' else ''}".rstrip()
+            quoted = f"{what} {number} {unit if unit != '-' else ''}".rstrip()
             raise ValueError(
                 f"hidden cause {text!r}: {quoted} is not a number; expected {GRAMMAR}"
             ) from None

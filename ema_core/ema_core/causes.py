@@ -52,7 +52,7 @@ _PLANT = (
         "N.m/rad",
         -1e3,
         1e3,
-        "torque on the motor shaft against it, per angle of the user shaft",
+        "torque on the motor shaft per angle of the user shaft, against the angle",
     ),
     (
         "torque_constant",
@@ -89,7 +89,7 @@ _PLANT = (
         "-",
         -1.0,
         1.0,
-        "amplitude over a turn of the motor, of the dry friction",
+        "relative amplitude of the dry friction over a turn of the motor",
     ),
     ("supply_ripple", "supply ripple", "-", 0.0, 0.9, "relative amplitude, at 2400 Hz"),
 )

@@ -15,10 +15,10 @@ _UNITS: Final = {
     "/min": "per minute",
 }
 _REFERENCES: Final = {
-    Reference.POSITION: "the position asks for",
-    Reference.SPEED: "the speed asks for",
-    Reference.INERTIA: "the inertia asks for",
-    Reference.DRIVE: "the drive asks for",
+    Reference.POSITION: "the position implies",
+    Reference.SPEED: "the speed implies",
+    Reference.INERTIA: "the inertia implies",
+    Reference.DRIVE: "the drive implies",
     Reference.MODEL: "the model expects",
     Reference.RECORDS: "the healthy records have",
 }

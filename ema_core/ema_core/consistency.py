@@ -41,7 +41,7 @@ def _over(numerator: float, denominator: float) -> float:
     return numerator / denominator if denominator > 0.0 else math.nan
 
 
-_OF_BOTH: Final = (
+_COUPLINGS: Final = (
     _Coupling(
         "T_max / (k_t I_max)",
         lambda p: p.T_max / (p.k_t * p.I_max),
@@ -75,7 +75,7 @@ _OF_BOTH: Final = (
         lambda p: (p.C_m + p.C_u) * p.omega_max / p.T_max,
         0.0,
         0.4,
-        "so is the viscous friction",
+        "the viscous friction at full speed is part of the torque",
     ),
     _Coupling(
         "(J_m + J_u) omega_max / T_max",
@@ -102,7 +102,7 @@ _OF_BOTH: Final = (
     ),
 )
 
-_OF_SIX_STEP: Final = (
+_SIX_STEP_COUPLINGS: Final = (
     _Coupling(
         "G_M / k_t",
         lambda p: p.G_M / p.k_t,
@@ -157,8 +157,8 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
     if torque > f_s:
         return ""
     return (
-        f"f_sm + f_su = {f_s:.3g} N.m: the motor, with k_e, I_max, T_max and V_max / R_s, makes "
-        f"{torque:.3g} N.m at most and never moves"
+        f"f_sm + f_su = {f_s:.3g} N.m: the motor, with k_e, I_max, T_max and V_max / R_s, produces "
+        f"at most {torque:.3g} N.m and never moves"
     )
 
 
@@ -179,7 +179,7 @@ def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
         f"of a {drive.replace('_', '-')} drive it is {usual:.3g}, k_t in N.m/A and k_e in V.s/rad "
         "between two terminals",
     )
-    couplings = (of_drive, *_OF_BOTH, *(_OF_SIX_STEP if drive == "six_step" else ()))
+    couplings = (of_drive, *_COUPLINGS, *(_SIX_STEP_COUPLINGS if drive == "six_step" else ()))
     unusual = []
     for coupling in couplings:
         ratio = coupling.ratio(p)

@@ -77,7 +77,7 @@ def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Se
     if isinstance(content, str) and "source" in definitions:
         content = {"source": content}
     if not isinstance(content, dict):
-        actual = f"{section} = {content!r}: " if section else f"it holds {content!r}, "
+        actual = f"{section} = {content!r}: " if section else f"it contains {content!r}, "
         actual = "it is empty, " if content is None and not section else actual
         raise ValueError(f"{actual}expected a mapping with {', '.join(definitions)}")
     values = {}

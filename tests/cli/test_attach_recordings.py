@@ -138,7 +138,7 @@ def test_healthy_end_before_all_records_is_refused_with_the_first_record(work):
         (["day_1.csv"], 2, "--healthy is missing: which of the records are healthy?"),
         (["day_1.csv", "--healthy", "soon"], 2, "expected a number of records such as 10"),
         (["day_1.csv", "--healthy", "5", "--namespace", "/x"], 2, "--namespace is for running"),
-        (["none.csv", "--healthy", "5"], 1, "none.csv: there is no such file or folder"),
+        (["none.csv", "--healthy", "5"], 1, "none.csv: no such file or folder"),
         (["day_1.csv", "--healthy", "5", "--html", "page.txt"], 2, "page.txt: expected a name"),
         (["--html", "page.html"], 2, "--html needs RECORDINGS"),
         (["--accept-after", "61"], 2, "61 is not in the range 0<=x<=60"),
@@ -154,7 +154,7 @@ def test_wrong_use_is_refused_with_what_is_expected(work, monkeypatch, arguments
 def test_folder_without_a_recording_is_refused(tmp_path):
     result = ema("attach", tmp_path, "--healthy", "5")
     assert result.exit_code == 1
-    assert "this folder holds no recording (a bag, .mcap, .db3, .csv" in result.stderr
+    assert "this folder contains no recording (a bag, .mcap, .db3, .csv" in result.stderr
 
 
 def test_recordings_are_cut_like_live_motion():

@@ -67,13 +67,13 @@ def test_factor_of_a_mistaken_unit_is_the_ratio_of_the_units(sizes, unit, stated
 @pytest.mark.parametrize(
     ("column", "factor", "reference", "words"),
     [
-        ("speed", 9.55, Reference.POSITION, "what the position asks for: is it in rpm?"),
+        ("speed", 9.55, Reference.POSITION, "what the position implies: is it in rpm?"),
         ("speed", 9.55, Reference.RECORDS, "have: is it in rpm, and was in rad/s?"),
         ("speed", 57.3, Reference.POSITION, "is it in degrees a second?"),
         ("position", 57.3, Reference.RECORDS, "is it in degrees, and was in radians?"),
         ("position", 1.0 / 57.3, Reference.SPEED, "is it in radians, and not in degrees?"),
         ("command", 1.0 / 57.3, Reference.POSITION, "in radians, and the position in degrees?"),
-        ("current", 1.41, Reference.INERTIA, "the inertia asks for: is a peak given for RMS?"),
+        ("current", 1.41, Reference.INERTIA, "the inertia implies: is a peak given for RMS?"),
         ("current", 0.71, Reference.INERTIA, "is RMS given for a peak?"),
         ("speed", 60.0, Reference.RECORDS, "is it per minute, and was per second?"),
         ("speed", -9.55, Reference.POSITION, "is its sign reversed, and is it in rpm?"),

@@ -181,5 +181,5 @@ def test_torque_and_voltage_constant_of_a_sinusoidal_motor_differ_by_half_of_roo
 
 def test_motor_that_cannot_overcome_its_friction_is_refused_with_its_torque():
     """V_max / R_s exceeds I_max, and I_max k_t = 22.5 A * 0.0752 N.m/A exceeds T_max."""
-    with pytest.raises(ValueError, match=r"f_sm \+ f_su = 2.07 N.m: .* makes 1.69 N.m at most"):
+    with pytest.raises(ValueError, match=r"f_sm \+ f_su = 2.07 N.m: .* produces at most 1.69 N.m"):
         described(f_sm=2.0)

@@ -167,7 +167,7 @@ def scaled(telemetry: Telemetry, **factors: float) -> Telemetry:
     [
         ({"current": 2.0**0.5}, "the current is 1.4[12] times .*: is a peak given for RMS?"),
         ({"current": 0.5**0.5}, "the current is 0.7[01]\\d? times .*: is RMS given for a peak?"),
-        ({"current": 2.0}, "the current is (2|2.0\\d|1.9\\d) times what the inertia asks for"),
+        ({"current": 2.0}, "the current is (2|2.0\\d|1.9\\d) times what the inertia implies"),
         ({"current": 1e3}, "the current is (1e|9.9\\de)\\+0[23] times .*: are these thousandths"),
         ({"current": -1.0}, "the current is -1 times .*: is its sign reversed?"),
         ({"position": 180.0 / np.pi}, "the position is 57.3 times .*: is it in degrees?"),

@@ -100,7 +100,7 @@ def test_topic_without_a_publisher_or_message_is_refused(ema, context):
     try:
         silent = ema("check", "/joint_states", "--seconds", "0.5")
         assert silent.exit_code == 1
-        assert "is published, but no message arrived in 0.5 s" in silent.stderr
+        assert "has a publisher, but no message was received in 0.5 s" in silent.stderr
         temperature = ema("check", "/oil")
         assert temperature.exit_code == 1
         assert "has type sensor_msgs/msg/Temperature: expected one of" in temperature.stderr

@@ -233,7 +233,7 @@ def test_description_is_read_from_a_file(tmp_path: Path):
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        ("rudder", "it holds 'rudder', expected a mapping"),
+        ("rudder", "it contains 'rudder', expected a mapping"),
         ("", "it is empty, expected a mapping"),
         ("sample_period: 1 ms", "sample_period = '1 ms': expected 1e-09 to 1 [s]"),
         ("colour: red", "unknown entry 'colour'"),

@@ -249,15 +249,15 @@ def _choose_description(
 def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
     """Yield a string with name, unit and both values of each field that differs."""
     for field in fields(first):
-        there, here = getattr(first, field.name), getattr(second, field.name)
+        value, second_value = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):
-            yield from differing(there, here, first_place, second_place)
-        elif there != here:
+            yield from differing(value, second_value, first_place, second_place)
+        elif value != second_value:
             unit = field.metadata.get("unit", "s" if field.name == "sample_period" else "-")
             unit = "" if unit == "-" else f" {unit}"
             yield (
-                f"{field.name} {_value(there)}{unit} in {first_place}, {_value(here)}{unit} in "
-                f"{second_place}"
+                f"{field.name} {_value(value)}{unit} in {first_place}, "
+                f"{_value(second_value)}{unit} in {second_place}"
             )
 
 

@@ -55,8 +55,8 @@ def table_recordings(
     mapping_file = next((name for name in names if name.is_file()), None)
     if mapping_file is None:
         raise ValueError(
-            f"{table} is a table without a mapping beside it, {names[0].name}: `ema check {table} "
-            f"-o {names[0]}` writes one"
+            f"{table} is a table without a mapping in the same folder: `ema check {table} -o "
+            f"{names[0]}` writes one"
         )
     beside = table.with_name("actuator.yaml")
     actuator_file = actuator_file or (beside if beside.is_file() else None)

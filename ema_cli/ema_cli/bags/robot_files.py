@@ -45,11 +45,11 @@ def find_recordings(paths: Sequence[Path]) -> list[Path]:
     recordings: list[Path] = []
     for path in paths:
         if not path.exists():
-            raise ValueError(f"{path}: there is no such file or folder")
+            raise ValueError(f"{path}: no such file or folder")
         inside = [path] if _is_recording(path) else list(filter(_is_recording, path.iterdir()))
         if not inside:
             suffixes = ", ".join((*BAGS, *TABLES))
-            raise ValueError(f"{path}: this folder holds no recording (a bag, {suffixes})")
+            raise ValueError(f"{path}: this folder contains no recording (a bag, {suffixes})")
         recordings += sorted(inside, key=_numbered)
     return list(dict.fromkeys(recordings))
 

@@ -97,8 +97,8 @@ def attach(
     """Monitor the joints of robots in the ROS graph until Ctrl-C, or of RECORDINGS.
 
     Live, all joints of joint state topics are listed and monitored, also joints that appear
-    later. Once its healthy motion is learned and accepted, each joint is compared with it. A
-    second run goes on with the same baselines.
+    later. Once its healthy motion is learned and accepted, each joint is compared with it. The
+    next run continues with the same baselines.
 
     RECORDINGS are bags, tables, LeRobot data sets, or folders of them. Their records up to
     --healthy are learned, and the later ones compared. Exit code 3: a joint is above OK, or is not

@@ -60,7 +60,7 @@ def check(
     """Recognise the columns of each joint in SOURCE, find defects, and report what can be judged.
 
     A SOURCE is a table (CSV, Parquet, .npz), a bag, the folder of a LeRobot data set, or a topic
-    of a running robot, /joint_states. The report ends with the mapping that `ema import` takes.
+    of a running robot, /joint_states. The report ends with the mapping for `ema import`.
     Exit code 3: the friction of a joint cannot be judged, or an error prevents the import.
     """
     if output is not None:

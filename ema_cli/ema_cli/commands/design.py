@@ -97,13 +97,13 @@ def design(
             if stop:
                 raise click.Abort
 
-        def say(words: str) -> None:
+        def report(state: str) -> None:
             follow()
-            progress.update(task, state=words)
+            progress.update(task, state=state)
 
         rig = SimulatedRig(options, follow)
-        result = design_command(rig, description, limits, wanted or None, on_progress=say)
-        say("evaluating hidden causes")
+        result = design_command(rig, description, limits, wanted or None, on_progress=report)
+        report("evaluating hidden causes")
         certificate = certify(rig, result.command, description, rehearsed=result.rehearsed)
         if result.reached:
             sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in result.sigma.items())
@@ -143,11 +143,11 @@ def _in_words(result: Design) -> str:
         for name, demand in asdict(result.demands).items()
         if name != "longest"
     )
-    beside = f", the chirp takes {result.reference_s:g} s" if result.reference_s else ""
+    chirp = f", the chirp takes {result.reference_s:g} s" if result.reference_s else ""
     return (
         f"swing of {1e3 * command.amplitude:.3g} mrad to {command.final_fraction:.3g} of it, "
         f"{command.start_frequency:.3g} to {command.end_frequency:.3g} Hz, "
-        f"{command.duration:.4g} s{beside}: {result.verdict}\n"
+        f"{command.duration:.4g} s{chirp}: {result.verdict}\n"
         f"Required: {demands}"
     )
 

@@ -73,8 +73,8 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
     # A live recording may end at any time: an incomplete last window is not a failure.
-    looked_at = [result for result in estimates if result.verdict != SKIPPED]
-    if not looked_at or not all(map(_is_answer, looked_at)):
+    complete = [result for result in estimates if result.verdict != SKIPPED]
+    if not complete or not all(map(_is_answer, complete)):
         sys.exit(REFUSED)
 
 

@@ -74,8 +74,12 @@ def report(
 
 def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
     """Return the histories of a unit in the bags' folders and their ``history`` subfolders."""
-    places = dict.fromkeys(place for bag in map(Path.resolve, bags) for place in (bag, bag.parent))
-    paths = [history_path(place / inner, *unit) for place in places for inner in (".", "history")]
+    folders = dict.fromkeys(
+        folder for bag in map(Path.resolve, bags) for folder in (bag, bag.parent)
+    )
+    paths = [
+        history_path(folder / inner, *unit) for folder in folders for inner in (".", "history")
+    ]
     return [path for path in paths if path.is_file()]
 
 

@@ -271,7 +271,7 @@ def _recomputed(
         verified = Verified(actuator_id, number)
         window = windows.get((test.start_ns, test.end_ns))
         calibration = calibrations.get(test.calibration_id)
-        is_there = last == test.calibration_id
+        is_continued = last == test.calibration_id
         before = earlier.stopped() if test.warm_start else Diagnosis()
         # Windows are counted from the start of a monitor.
         has_restarted = test.warm_start and number <= last_number
@@ -280,7 +280,7 @@ def _recomputed(
         if described is not None and test.valid:
             before_last = earlier.stopped()
             earlier.begin_at(described.description, test)
-            is_whole = (is_whole and is_there) or not test.warm_start
+            is_whole = (is_whole and is_continued) or not test.warm_start
             last = test.calibration_id
         if test.stretches:
             yield replace(verified, reason="it combines stretches of ordinary motion")
@@ -294,7 +294,7 @@ def _recomputed(
                 "--calibration"
             )
             yield replace(verified, reason=words)
-        elif test.warm_start and not is_there:
+        elif test.warm_start and not is_continued:
             yield replace(verified, reason="its search started from a missing estimate")
         else:
             verified = _of_any_start(verified, test, before, without_last, window, calibration)

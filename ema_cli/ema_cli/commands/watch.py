@@ -46,22 +46,22 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
     with (
         deferred_signals(*ENDING) as stop,
         HealthTable(f"on {', '.join(places)} in {_domain()}") as table,
-        HealthListener(places, "watch") as hearing,
+        HealthListener(places, "watch") as listener,
     ):
         began_s = time.monotonic()
         player_seen = False
-        while not stop and not (until_played and hearing.completion.is_complete):
+        while not stop and not (until_played and listener.completion.is_complete):
             if until_played:
-                is_there = any(hearing.sees("player", place) for place in places)
-                if player_seen and not is_there:
-                    hearing.completion.end()
-                player_seen |= is_there
-            rows = hearing.rows()
-            waits = time.monotonic() - began_s < _DISCOVERY_S
-            table.show(rows, "" if rows or waits else _no_health(places, hearing))
-            hearing.changed.wait(_REFRESH_S)
-            hearing.changed.clear()
-        table.show(hearing.rows(), "")
+                is_running = any(listener.sees("player", place) for place in places)
+                if player_seen and not is_running:
+                    listener.completion.end()
+                player_seen |= is_running
+            rows = listener.rows()
+            is_waiting = time.monotonic() - began_s < _DISCOVERY_S
+            table.show(rows, "" if rows or is_waiting else _no_health(places, listener))
+            listener.changed.wait(_REFRESH_S)
+            listener.changed.clear()
+        table.show(listener.rows(), "")
 
 
 def _normalised(namespace: str) -> str:

@@ -47,10 +47,10 @@ class Outline:
         while late_ns[-1] >= BINS * self._step_ns:
             self._double()
         steps = late_ns / self._step_ns
-        here = steps >= 0.0
-        bins = steps[here].astype(np.intp)
-        np.fmin.at(self._low, bins, rows[here])
-        np.fmax.at(self._high, bins, rows[here])
+        is_later = steps >= 0.0
+        bins = steps[is_later].astype(np.intp)
+        np.fmin.at(self._low, bins, rows[is_later])
+        np.fmax.at(self._high, bins, rows[is_later])
 
     def lines(self, name: str, first_ns: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Return times [s] and values of a column, ``(n,)`` each, for drawing as a line.

@@ -183,7 +183,7 @@ def _list_joints(joints: "_Joints", nodes: Supervisor, stop: StopRequest, *, net
         click.echo(f"page       {joints.address}")
     click.echo(
         "baselines  `ema baseline list` shows what is learned; `ema baseline accept JOINT` accepts "
-        "it\nCtrl-C ends; a second run goes on with the same baselines"
+        "it\nCtrl-C ends the run; the next run continues with the same baselines"
     )
 
 
@@ -192,8 +192,8 @@ def _no_joints(joints: "_Joints", *, network: bool) -> str:
     text = f"no joint states in domain {domain} yet"
     if joints.bridge_message:
         text = f"{joints.bridge_message} (domain {domain})"
-    hint = "ROS_DOMAIN_ID chooses another domain"
-    return f"{text}; {hint}" if network else f"{text}; {hint}, --network listens to other machines"
+    hint = "ROS_DOMAIN_ID selects another domain"
+    return f"{text}; {hint}" if network else f"{text}; {hint}, --network includes other machines"
 
 
 class _Joints:

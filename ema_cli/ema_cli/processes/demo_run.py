@@ -180,7 +180,7 @@ def _conclude(bag: Path, picture: Path, folder: Path) -> None:
     try:
         history = read_history(bag)
     except ValueError as error:
-        raise ValueError(f"{error} See {folder / 'monitor.log'}") from error
+        raise ValueError(f"{error}; see {folder / 'monitor.log'}") from error
     diagnoses = history.diagnoses()
     save_picture(draw_history(history), picture)
     latencies = [window.latency_s for window in diagnoses]

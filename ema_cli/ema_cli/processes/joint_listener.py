@@ -69,8 +69,8 @@ def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) ->
         rclpy.shutdown(context=context)
     if silent := [topic for topic in topics if topic not in collected.topics]:
         raise ValueError(
-            f"topic {silent[0]} is published, but no message arrived in {seconds:g} s: check "
-            "that the robot is running"
+            f"topic {silent[0]} has a publisher, but no message was received in {seconds:g} s: "
+            "check that the robot is running"
         )
     return collected
 

@@ -28,7 +28,7 @@ def run_robot_demo(
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
     folder = output or Path("bags", f"demo_robot_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} already exists: give a new or an empty folder")
+        raise ValueError(f"{folder} already exists: expected a new or empty folder")
     robot = [
         str(program("robot")),
         # In the root namespace, in which robot drivers publish.

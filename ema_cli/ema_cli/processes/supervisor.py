@@ -105,27 +105,27 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
 
     def stop(self, name: str) -> None:
         """Stop a process if it is running, and wait for its exit."""
-        self._see_off(self._terminate([name]))
+        self._await_exit(self._terminate([name]))
 
     def stop_all(self) -> None:
         """Stop all processes and wait for their exit.
 
         The process ``last`` is stopped when the others have exited, or after 1 s.
         """
-        leaving = self._terminate([name for name in self._children if name != self._last])
-        _wait(leaving.values(), _HEAD_START_S)
-        self._see_off({**leaving, **self._terminate([self._last])})
+        children = self._terminate([name for name in self._children if name != self._last])
+        _wait(children.values(), _HEAD_START_S)
+        self._await_exit({**children, **self._terminate([self._last])})
 
-    def _terminate(self, is_signal: Iterable[str]) -> dict[str, "subprocess.Popen[bytes]"]:
+    def _terminate(self, names: Iterable[str]) -> dict[str, "subprocess.Popen[bytes]"]:
         self.check()
-        leaving = {name: self._children.pop(name) for name in is_signal if name in self._children}
-        for child in leaving.values():
+        children = {name: self._children.pop(name) for name in names if name in self._children}
+        for child in children.values():
             child.terminate()
-        return leaving
+        return children
 
-    def _see_off(self, leaving: dict[str, "subprocess.Popen[bytes]"]) -> None:
-        _wait(leaving.values(), self._patience_s)
-        for name, child in leaving.items():
+    def _await_exit(self, children: dict[str, "subprocess.Popen[bytes]"]) -> None:
+        _wait(children.values(), self._patience_s)
+        for name, child in children.items():
             if child.poll() is None:
                 self._report(f"{name} did not exit within {self._patience_s:g} s and is killed")
                 child.kill()

@@ -68,12 +68,12 @@ class LiveTable(TerminalDisplay):
             level = Text(
                 _level(window), COLOURS.get(-1 if window.level is None else window.level, "")
             )
-            faults = [_figures(window, i).replace(" ", "") for i in self._faults]
+            faults = [_fault_text(window, i).replace(" ", "") for i in self._faults]
             table.add_row(_cycle(window), *faults, level, f"{window.latency_s:.2f} s")
         return table
 
     def _line(self, window: DiagnosedWindow) -> str:
-        faults = [f"{_figures(window, i):{_WIDTH}}" for i in self._faults]
+        faults = [f"{_fault_text(window, i):{_WIDTH}}" for i in self._faults]
         parts = [
             f"{_cycle(window):>5}",
             *faults,
@@ -91,7 +91,7 @@ def _level(window: DiagnosedWindow) -> str:
     return "-" if window.level is None else LEVEL_NAMES[window.level]
 
 
-def _figures(window: DiagnosedWindow, i: int) -> str:
+def _fault_text(window: DiagnosedWindow, i: int) -> str:
     true = "?" if window.truth is None else f"{window.truth[i]:.3f}"
     if not window.valid:
         return f"{true} → none"

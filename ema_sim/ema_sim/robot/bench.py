@@ -16,7 +16,7 @@ _BLOCK_S = 0.02  # samples in this time are computed in one call
 class RobotSettings(Checked):
     """Settings of a simulated arm and its telemetry; ValueError if a value is out of range."""
 
-    rate: int = quantity(500, "Hz", 1, 1000, "samples of all joints a second; divides 1000")
+    rate: int = quantity(500, "Hz", 1, 1000, "sample rate of all joints; must divide 1000")
     speedup: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
     seed: int = quantity(0, "-", 0, 2**62, "seed of the unit, its goals and its noise")
 
