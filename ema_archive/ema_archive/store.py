@@ -30,7 +30,7 @@ REMEDY: Final = (
     "if it is damaged, scan the bags into a new archive: its content is computed from them"
 )
 
-_VERSION: Final = 12
+_VERSION: Final = 13
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
 _MANIFEST: Final = ("archive", "bag", "part", "unit")
 _LOCK: Final = ".lock"
