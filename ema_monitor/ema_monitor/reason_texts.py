@@ -433,6 +433,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.MotionDisagrees: "the subsequent motion does not agree with the estimate",
     of.FaultsNotShown: _faults_not_shown,
     of.StretchesInsufficient: "the stretches do not determine the faults to the wanted accuracy",
+    of.StatedReason: "{r.sentence}",
     of.FiguresDeparted: _figures_departed,
     of.LabelledState: _labelled_state,
     of.OtherMotion: lambda r: (

@@ -457,6 +457,13 @@ class StretchesInsufficient(Reason, code="stretches_insufficient"):
     """The stretches do not determine the faults to the target accuracy."""
 
 
+@dataclass(frozen=True)
+class StatedReason(Reason, code="stated"):
+    """A message states the reason as a sentence, without its kind and figures."""
+
+    sentence: str
+
+
 # Comparison with the windows and records of the healthy unit.
 
 

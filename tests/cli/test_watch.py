@@ -172,7 +172,7 @@ def test_record_without_a_judgement_is_reported_and_has_no_index():
     healths = received(health)
     healths.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
     [row] = healths.rows(3.0, TEST_NS, alive)
-    assert row.why == f"last test refused: No quantity could be judged: {STILL}"
+    assert row.why == f"last test refused: {STILL}"
     # An unknown index is the most urgent of its level.
     others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS, alive)
     assert [one.actuator_id for one in others] == ["flap", "b"]
