@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Storage of a unit's history as rows: tests, assessments and growth state."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import pyarrow as pa
@@ -19,15 +20,9 @@ from ema_archive.tables import (
 from ema_core.description import UnitKey
 from ema_monitor.identification.estimate import REFUSED
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
+from ema_monitor.prognosis.events import Occurrence, UnitEvent
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import (
-    Assessment,
-    Count,
-    Entry,
-    Test,
-    UnitEvent,
-    UnusedCycle,
-)
+from ema_monitor.prognosis.history_entry import Assessment, Count, Entry, Test, UnusedCycle
 from ema_monitor.prognosis.order import moved
 
 Row = Mapping[str, Any]
@@ -36,7 +31,7 @@ _TEXT: Final = pa.string()
 _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _LEVELS: Final = pa.map_(_TEXT, pa.int8())
-_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
+_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "code": _TEXT, "figures": _TEXT})
 
 TESTS: Final = "manifest.test"
 ASSESSMENTS: Final = "manifest.assessment"
@@ -78,7 +73,8 @@ HISTORY_TABLES: Final = {
 """Columns of the history tables: one row per test (which refers to its window by ``end_ns``), per
 assessment, and per piece of the growth state. Columns are named like the fields of ``Entry``,
 ``UnusedCycle`` and ``Assessment``. ``unordered`` states why the order of tests is unknown; empty if
-it is known."""
+it is known. ``code`` and ``figures`` of an event are the code and the other fields of its
+occurrence, the latter as JSON."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +166,8 @@ def _test_from(row: Row, window: Row) -> Test:
 
 def _assessment_row(assessment: Assessment) -> dict[str, Any]:
     # Arrow represents a map as a list of pairs.
-    return asdict(assessment) | {
+    return asdict(replace(assessment, events=())) | {
+        "events": [_event_row(event) for event in assessment.events],
         "alarms": list(assessment.alarms.items()),
         "unconfirmed": list(assessment.unconfirmed.items()),
     }
@@ -183,7 +180,19 @@ def _assessment_from(row: Row) -> Assessment:
             **row,
             "life": None if life is None else (life[0], life[1], life[2]),
             "alarms": dict(row["alarms"]),
-            "events": tuple(UnitEvent(**event) for event in row["events"]),
+            "events": tuple(map(_event_from, row["events"])),
             "unconfirmed": dict(row["unconfirmed"]),
         }
     )
+
+
+def _event_row(event: UnitEvent) -> dict[str, Any]:
+    figures = event.occurrence.as_record()
+    code = figures.pop("code")
+    text = json.dumps(figures, ensure_ascii=False)
+    return {"stamp_ns": event.stamp_ns, "hours": event.hours, "code": code, "figures": text}
+
+
+def _event_from(row: Row) -> UnitEvent:
+    record = {"code": row["code"], **json.loads(row["figures"])}
+    return UnitEvent(row["stamp_ns"], row["hours"], Occurrence.of_record(record))

@@ -23,6 +23,7 @@ from ema_archive.tables import (
     reason_rows,
 )
 from ema_core.description import UnitKey
+from ema_core.event_kinds import EventKind
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
 from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, SKIPPED
@@ -276,7 +277,7 @@ def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
     lives: list[dict[str, Any]] = []
     repairs = 0
     for row in health:
-        repairs += any(event["kind"] == "repair" for event in row["events"])
+        repairs += any(event["kind"] == EventKind.REPAIR for event in row["events"])
         hours = row["flight_hours"]
         if not math.isfinite(hours):
             continue

@@ -26,7 +26,7 @@ from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 
-Event = Defect | Diagnosed | Outlook
+Output = Defect | Diagnosed | Outlook
 """Defect of the telemetry, estimate (or refusal) of a window, or outlook after a test."""
 
 
@@ -106,7 +106,7 @@ class Monitor:
         tests = len(self.unit.history.entries)
         return f"<Monitor: {self._description.actuator_id}, {tests} valid tests>"
 
-    def feed(self, telemetry: Telemetry) -> Iterator[Event]:
+    def feed(self, telemetry: Telemetry) -> Iterator[Output]:
         """Process a block of telemetry; yield defects, estimates and outlooks.
 
         Feed blocks in the order of their reception. If the clock of their stamps steps back, the
@@ -137,12 +137,12 @@ class Monitor:
         """
         self._intake.measure(stamp_ns, measured)
 
-    def finish(self) -> Iterator[Event]:
+    def finish(self) -> Iterator[Output]:
         """End the telemetry; yield the last defects, estimates and outlooks."""
         yield from self._follow(self._intake.finish())
         yield from self._assess(self._diagnosis.finish())
 
-    def _follow(self, events: Iterable[Segment | Defect]) -> Iterator[Event]:
+    def _follow(self, events: Iterable[Segment | Defect]) -> Iterator[Output]:
         settings = self._settings
         for event in events:
             if isinstance(event, Defect):
@@ -167,7 +167,7 @@ class Monitor:
         is_later = newest is None or estimate.end_ns > newest.stamp_ns
         return 0 if is_later and self._settings.prognosis.has_clock else time.time_ns()
 
-    def _assess(self, steps: Iterable[Generation | Diagnosed]) -> Iterator[Event]:
+    def _assess(self, steps: Iterable[Generation | Diagnosed]) -> Iterator[Output]:
         for step in steps:
             if not isinstance(step, Diagnosed):
                 continue

@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass
 from ema_core.description import UnitKey
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
@@ -56,7 +57,9 @@ class EventReport:
     @classmethod
     def of(cls, event: UnitEvent) -> "EventReport":
         """Return the report of an event."""
-        return cls(Stamp.of(event.stamp_ns), event.hours, event.kind, event.text)
+        return cls(
+            Stamp.of(event.stamp_ns), event.hours, event.kind.value, text_of(event.occurrence)
+        )
 
 
 @dataclass(frozen=True)

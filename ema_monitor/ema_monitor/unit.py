@@ -17,21 +17,20 @@ from ema_monitor.prognosis.baseline_changes import baseline_change, other_calibr
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.earlier_levels import failed_since, last_level, with_unconfirmed_levels
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import (
+    FaultRecurred,
+    HistoryDamaged,
+    Occurrence,
+    UnitDeparted,
+    UnitEvent,
+    UnitFailed,
+)
 from ema_monitor.prognosis.failures import with_earlier_failure
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import (
-    DEPARTURE,
-    FAULT,
-    HISTORY,
-    Assessment,
-    Count,
-    Entry,
-    Finding,
-    UnitEvent,
-    UnusedCycle,
-)
+from ema_monitor.prognosis.history_entry import Assessment, Count, Entry, UnusedCycle
 from ema_monitor.prognosis.intermittent import Intermittent, intermittent_of
 from ema_monitor.prognosis.new_entries import late_entry, next_entry
 from ema_monitor.prognosis.order import Place, moved, place_of, since_clock_step_ns
@@ -42,7 +41,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     requirements_of,
 )
-from ema_monitor.prognosis.sentences import cause_of_level, recurrence_in_words
+from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
@@ -114,7 +113,7 @@ class Unit:
         history.growth = b""
         # Number of tests in the stored state of the tracker.
         self._kept_tests = self.growth.kept_tests
-        problems = [Finding(HISTORY, history.problem)] if history.problem else []
+        problems = [HistoryDamaged(history.problem)] if history.problem else []
         restarted = None
         if opened_ns is not None and history.entries:
             restarted = opened_ns, len(history.entries)
@@ -189,16 +188,16 @@ class Unit:
                 flown = self.history.unused_duty + flown
                 service = self.growth.service
                 hours_per_cycle = self._settings.service.hours_per_cycle
-                findings = self._pending.ignored_usage(count, hours_per_cycle)
+                occurrences = self._pending.ignored_usage(count, hours_per_cycle)
                 entry, missing = next_entry(
                     estimate, service, hours_per_cycle, cycles, count, flown, place.shift_ns
                 )
-                findings += missing
+                occurrences += missing
                 before = self.history.newest
                 if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
-                    findings.append(Finding(DEPARTURE, estimate.departure))
+                    occurrences.append(_departure(estimate))
                 try:
-                    findings += self.growth.add(entry)
+                    occurrences += self.growth.add(entry)
                 except Exception:
                     # The test enters neither growth nor history.
                     self._recompute_growth()
@@ -211,12 +210,12 @@ class Unit:
                 else:
                     self._intermittent = self._intermittent_by_all()
                 self._pending.report(
-                    Finding(FAULT, recurrence_in_words(name, recurrence))
+                    FaultRecurred(name, recurrence)
                     for name, recurrence in self._intermittent.faults.items()
                     if name not in intermittent
                     or (intermittent[name].tests_left and not recurrence.tests_left)
                 )
-                self._pending.report(findings)
+                self._pending.report(occurrences)
             return self._outlook_with_events(parameters)
 
     def _place_of(self, estimate: Estimate, received_ns: int, is_live: bool) -> Place:
@@ -246,8 +245,10 @@ class Unit:
         is_repeated = before is not None and before.verdict == test.verdict
         if test.verdict not in (FAILED, DEPARTED) or is_repeated:
             return outlook
-        kind = DEPARTURE if test.verdict == DEPARTED else FAULT
-        event = UnitEvent(test.end_ns, outlook.hours, kind, test.reason)
+        occurrence: Occurrence = UnitFailed(test.reasons)
+        if test.verdict == DEPARTED:
+            occurrence = UnitDeparted(test.reasons)
+        event = UnitEvent(test.end_ns, outlook.hours, occurrence)
         return replace(outlook, events=(event,))
 
     def _add_late(
@@ -263,7 +264,7 @@ class Unit:
         if len(entries) > entries_before:
             self._recompute_growth()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
-        departure = estimate.departure if estimate.verdict == DEPARTED else ""
+        departure = _departure(estimate) if estimate.verdict == DEPARTED else None
         self._pending.report_late(late_s, departure)
 
     def follow(
@@ -502,7 +503,7 @@ class Unit:
         before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)
         events = self._pending.take_events(outlook.hours)
         events += other_calibration(outlook, self.history)
-        assessment = assessment_of(outlook, before, self._pending.take_findings(), events)
+        assessment = assessment_of(outlook, before, self._pending.take_occurrences(), events)
         self.history.assess(assessment)
         published = before.events if before else ()
         shift_ns = self.history.entries[-1].shift_ns
@@ -559,7 +560,9 @@ class Unit:
         outlook = with_earlier_failure(outlook, self.history, failure, needed)
         # Laplace's rule gives the probability that a test has no valid estimate.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
-        reason = "; ".join(filter(None, [outlook.health.reason, worn_baseline(self.history)]))
+        worn = worn_baseline(self.history)
+        reasons = [outlook.health.reason, text_of(worn) if worn else ""]
+        reason = "; ".join(filter(None, reasons))
         return replace(
             outlook,
             health=replace(outlook.health, reason=reason),
@@ -584,3 +587,8 @@ class Unit:
             before_ns = (ns for ns in stamps_ns if until_ns is None or ns <= until_ns)
             self._step_ns = max(self._step_ns, max(before_ns, default=0))
             self._by_valid = None
+
+
+def _departure(estimate: Estimate) -> UnitDeparted:
+    """Return the event of a valid estimate whose verdict is a departure."""
+    return UnitDeparted(estimate.reasons, estimate.comparison)

@@ -12,8 +12,9 @@ import pytest
 
 from ema_core import __version__
 from ema_core.faults import FAULT_NAMES
+from ema_monitor.prognosis.events import Note, UnitEvent
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Assessment, UnitEvent
+from ema_monitor.prognosis.history_entry import Assessment
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
@@ -64,14 +65,14 @@ def estimated(ema, bag: Path) -> list[list[float]]:
 def test_report_has_the_notes_of_persons_from_the_history(ema, tmp_path, folder):
     unit = ("flap", "SIM-0001")
     history = History(*unit, history_path(tmp_path / folder, *unit))
-    note = UnitEvent(10**9, 5.0, "note", "Ada: greased <b>")
+    note = UnitEvent(10**9, 5.0, Note("Ada", "greased <b>"))
     history.assess(Assessment(10**9, 5.0, 0, 1.0, "", None, events=(note,)))
     history.close()
     bag = shutil.copy(SAMPLE, tmp_path) if folder else SAMPLE
     printed = ema("report", bag, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
     assert printed.exit_code == 0, printed.stderr
     [line] = [line for line in Page(tmp_path / "a.html").printed["li"] if "Ada" in line]
-    assert line.startswith("Ada: greased <b>")
+    assert line.startswith("Ada, greased <b>")
 
 
 def test_report_has_the_changes_of_the_baseline_with_person_and_earlier_faults(ema, tmp_path):

@@ -14,17 +14,14 @@ import pytest
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor import unit as unit_module
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import Note, UnitEvent
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import (
-    Assessment,
-    UnitEvent,
-    assessment_text,
-    read_assessment,
-)
+from ema_monitor.prognosis.history_entry import Assessment, assessment_text, read_assessment
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.pending_events import MOST_NOTES, MOST_PERSONS
 from ema_monitor.prognosis.service import Service
@@ -64,14 +61,14 @@ def test_level_of_a_healthy_unit_is_as_sharp_as_its_tests(hours):
 def kinds(unit: Unit) -> list[tuple[float, str, str]]:
     tests, _ = unit.latest_tests(1000)
     return [
-        (event.hours, event.kind, event.text)
+        (event.hours, event.kind, text_of(event.occurrence))
         for test in tests
         for event in (test.assessment.events if test.assessment else ())
     ]
 
 
 def test_assessment_survives_conversion_to_text():
-    event = UnitEvent(7, math.nan, "fault", "friction 0.2 (fails above 0.5)")
+    event = UnitEvent(7, math.nan, Note("Ada", "seen"))
     whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
     assert str(read_assessment(assessment_text(whole))) == str(whole)
     unknown = replace(whole, hours=math.nan, health_index=math.nan, life=None)
@@ -129,7 +126,7 @@ def test_note_of_a_person_is_one_event_and_survives_restarts_and_tests(path: Pat
     unit.note("Ada", "seen", stamp_ns=first_ns)
     outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
     events = [one.events for one in outlooks if one]
-    assert events == [(UnitEvent(first_ns, 10.0, "note", "Ada, seen", "Ada"),), ()]
+    assert events == [(UnitEvent(first_ns, 10.0, Note("Ada", "seen")),), ()]
     unit.history.close()
     unit, _ = lived(path, [0.3], first=2)
     assert (10.0, "note", "Ada, seen") in kinds(unit)

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from ema_core.event_kinds import EventKind
 from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import CALIBRATION, UnitEvent
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
@@ -37,7 +39,7 @@ def test_level_that_falls_with_a_new_baseline_is_not_a_repair(worn: float):
     follow(unit, 0, [worn] * 8, "first")
     events = follow(unit, 8, [0.0] * 8, "second")
     assert not [one for one in events if one.kind in ("repair", "step")]
-    changes = [one.text for one in events if one.kind == CALIBRATION]
+    changes = [text_of(one.occurrence) for one in events if one.kind is EventKind.CALIBRATION]
     assert changes[0] == "second instead of first"
     assert any("the baseline changed" in text and "friction fell from" in text for text in changes)
 
@@ -50,7 +52,7 @@ def test_repair_with_an_unchanged_baseline_is_a_repair(change: int):
     baseline = "second" if change else "first"
     follow(unit, 8, [0.4] * 8, baseline)
     events = follow(unit, 16, [0.0] * 4, baseline)
-    assert [one.kind for one in events if one.kind in ("repair", CALIBRATION)] == ["repair"]
+    assert [one.kind for one in events if one.kind in ("repair", "calibration")] == ["repair"]
 
 
 def test_alarm_names_its_cause_until_it_ends(tmp_path: Path):
@@ -80,10 +82,10 @@ def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tm
     outlook = unit.resume(None, HOURS)
     assert outlook is not None
     [event] = outlook.events
-    assert (event.kind, outlook.health.level) == (CALIBRATION, WARN)
-    assert event.text.startswith(
+    assert (event.kind, outlook.health.level) == (EventKind.CALIBRATION, WARN)
+    assert text_of(event.occurrence).startswith(
         "baseline changed by Ada, forced: second instead of first, which showed friction 0.39"
-    ) or event.text.startswith(
+    ) or text_of(event.occurrence).startswith(
         "baseline changed by Ada, forced: second instead of first, which showed friction 0.40"
     )
     assert math.isfinite(event.hours)
@@ -100,7 +102,7 @@ def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tm
     now = again.resume(None, HOURS)
     assert now is not None
     assert now.health.level == OK
-    assert event.text in now.health.reason
+    assert text_of(event.occurrence) in now.health.reason
     assert ERROR not in [test.assessment.level for test in tests if test.assessment]
 
 

@@ -19,22 +19,23 @@ from tests.monitor.comparisons import (
     not_judged,
 )
 
+from ema_core.event_kinds import EventKind
 from ema_core.levels import OK, STALE, WARN
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.comparison import FRICTION, Comparison
+from ema_monitor.prognosis.event_texts import text_of
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import DEPARTURE, UnusedCycle
+from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import WITHOUT_MODEL, RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of
-from ema_monitor.quantities import FRICTION
 from ema_monitor.unit import Unit
 
 from .lived_units import TEN_HOURS, plain
 from .made_tests import UNIT
 
-NO_FRICTION = comparison(not_judged(FRICTION))
+NO_FRICTION = comparison(not_judged(FRICTION, "one direction only"))
 GROWTH = 0.03
 
 
@@ -82,7 +83,9 @@ def test_departure_warns_before_the_fault_does():
     assert last.health.health_index < 1.0
     words = "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %)"
     assert cause_of_level(last) == words
-    assert [one.text for one in last.events if one.kind == DEPARTURE] == [words]
+    assert [text_of(one.occurrence) for one in last.events if one.kind is EventKind.DEPARTURE] == [
+        words
+    ]
 
 
 def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Path):
@@ -90,7 +93,7 @@ def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Pat
     last = outlooks[-1]
     assert (last.health.level, last.health.confidence) == (STALE, 0.0)
     assert math.isnan(last.health.health_index)
-    assert "no excitation: the motor stands still" in reason_of(last)
+    assert "the joint did not move" in reason_of(last)
     unit.history.close()
     again = Unit(History(*UNIT, tmp_path / "unit.db"), TEN_HOURS).resume(None, TEN_HOURS)
     assert again is not None

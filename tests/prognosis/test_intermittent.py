@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_core.event_kinds import EventKind
 from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.prognosis.event_texts import text_of
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import FAULT
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.service import Service
@@ -59,8 +60,13 @@ def test_fault_that_recurs_in_every_nth_test_is_never_ok_again(
     assert made[-1].health.level == ERROR
     assert max(one.health.health_index for one in made[again:]) == 0.0
     assert "friction is intermittent: beyond its limit in" in cause_of_level(made[-1])
-    events = [event for one in made for event in one.events if "is intermittent" in event.text]
-    assert (events[0].kind, events[0].stamp_ns) == (FAULT, FIRST_NS + again * PERIOD_NS)
+    events = [
+        event
+        for one in made
+        for event in one.events
+        if "is intermittent" in text_of(event.occurrence)
+    ]
+    assert (events[0].kind, events[0].stamp_ns) == (EventKind.FAULT, FIRST_NS + again * PERIOD_NS)
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
@@ -84,8 +90,10 @@ def test_single_occurrence_warns_until_fourteen_tests_are_without_it(settings: P
     assert made[6].health.health_index == 0.0
     words = "friction was beyond its limit in one of the latest 4 tests: 11 more tests without it"
     assert words in cause_of_level(made[8])
-    [event] = [event for one in made for event in one.events if "was beyond" in event.text]
-    assert (event.kind, event.stamp_ns) == (FAULT, FIRST_NS + 6 * PERIOD_NS)
+    [event] = [
+        event for one in made for event in one.events if "was beyond" in text_of(event.occurrence)
+    ]
+    assert (event.kind, event.stamp_ns) == (EventKind.FAULT, FIRST_NS + 6 * PERIOD_NS)
 
 
 @pytest.mark.parametrize(

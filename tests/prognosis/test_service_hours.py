@@ -8,7 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
+from ema_core.event_kinds import EventKind
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import Occurrence
+from ema_monitor.prognosis.history_entry import Count, Entry
 from ema_monitor.prognosis.service import CountLog, ServiceHours, TimedTest
 
 from .made_tests import FIRST_NS, made_test
@@ -32,7 +35,7 @@ def by_cycles(number: int, hours: float) -> Entry:
     return Entry(made_test(number, friction=0.1), hours, number + 1)
 
 
-def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[Finding]]:
+def added(entries: Iterable[Entry]) -> tuple[ServiceHours, list[Occurrence]]:
     service = ServiceHours()
     return service, [event for entry in entries for event in service.add(entry)]
 
@@ -90,8 +93,8 @@ def test_single_wrong_count_only_causes_a_wait(wrong: float):
     assert math.isnan(service.hours)
     assert len(service.used) == 8
     [finding] = service.add(entries[9])
-    assert finding.kind == SERVICE_HOURS
-    assert finding.text == (
+    assert finding.kind is EventKind.SERVICE_HOURS
+    assert text_of(finding) == (
         f"{wrong:g} h at test 9 not confirmed by the next count, 90 h: interpolated instead"
     )
     assert service.add(entries[10]) == []
@@ -139,7 +142,7 @@ CHANGED = {
 def test_changed_count_is_used_if_the_next_one_confirms_it(counts, texts, hours):
     """Nothing may grow in zero time."""
     service, events = added(counted_at(counts))
-    assert [text for _, text in events] == texts
+    assert [text_of(event) for event in events] == texts
     assert [test.hours for test in service.used] == pytest.approx(hours)
 
 
@@ -198,7 +201,7 @@ def test_tests_at_hours_by_cycles_are_left_out_once_hours_are_counted():
     entries = counted_at([STALE] * 3 + [500.0, 510.0])
     guessed = [by_cycles(number, 10.0 * number) for number in range(3)]
     service, events = added([*guessed, *entries[3:]])
-    assert [text for _, text in events] == [
+    assert [text_of(event) for event in events] == [
         "counted from now on: the 3 tests before, with hours from hours_per_cycle, left out"
     ]
     assert [test.hours for test in service.used] == [500.0, 510.0]

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, FaultVector, healthy_faults
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import ValueUnexpected
 from ema_monitor.prognosis.growth.filters import near_healthy_update
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
@@ -199,11 +201,13 @@ def test_outlier_is_reported_once_and_never_used(grown):
     wrong = faults.copy()
     wrong[[0, 1]] += [0.2, 0.01]
     (event,) = tracker.update(observed(610.0, wrong, rng))
+    assert isinstance(event, ValueUnexpected)
     assert of(tracker, "backlash").tests == before, "the whole test is held back"
     twin_rng.standard_normal(8)
     assert (event.kind, event.component, event.hours) == ("outlier", "friction", 610.0)
-    assert "friction" in event.text
-    assert "held back" in event.text
+    assert (event.value, event.expected) == pytest.approx((wrong[0], faults[0]), abs=0.01)
+    assert text_of(event).startswith("friction ")
+    assert "held back" in text_of(event)
     assert of(tracker, "friction").value == pytest.approx(faults[0], abs=0.01)
     assert tracker.update(observed(620.0, faults, rng)) == []
     twin.update(observed(620.0, faults, twin_rng))

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_core.event_kinds import EventKind
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import DEPARTED, Estimate
+from ema_monitor.prognosis.event_texts import event_in_words, text_of
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import DEPARTURE, Count
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
@@ -117,7 +119,9 @@ def test_repeated_test_changes_nothing(grown):
     again = prognostics.update(same, PARAMETERS, TEN_HOURS)
     assert again is not None
     assert plain(again) == plain(outlooks[-1])
-    assert ["already in the history" in event.text for event in again.events] == [True]
+    assert ["already in the history" in text_of(event.occurrence) for event in again.events] == [
+        True
+    ]
     assert len(prognostics.history.entries) == entries
 
 
@@ -137,7 +141,7 @@ def test_phases_on_both_sides_of_half_a_turn_belong_to_the_same_test():
         test = replace(made_test(0, eccentricity_phase=phase), covariance=1e-5 * np.eye(8))
         outlook = unit.update(test, PARAMETERS, TEN_HOURS)
     assert outlook is not None
-    assert "already in the history" in outlook.events[-1].text
+    assert "already in the history" in text_of(outlook.events[-1].occurrence)
 
 
 def test_other_duty_is_answered_without_changing_the_unit(grown):
@@ -163,7 +167,9 @@ def test_late_test_is_reported_and_changes_no_level():
     prognostics, before = lived(3)
     back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
-    assert any("70 s older than the latest test" in event.text for event in back.events)
+    assert any(
+        "70 s older than the latest test" in text_of(event.occurrence) for event in back.events
+    )
     assert (back.hours, back.claim, back.health.level) == (
         before[-1].hours, before[-1].claim, before[-1].health.level,
     )  # fmt: skip
@@ -183,12 +189,12 @@ def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
         for outlook in outlooks
     ]
     first, second = (outlook.events for outlook in outlooks)
-    assert str(first[0]).startswith("outlier: friction 0.700")
+    assert event_in_words(first[0]).startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
     # The reported value is that of the test, and not the value before.
     words = cause_of_level(outlooks[0])
     assert "friction 0.7 in the latest test, to be confirmed by the next test" in words
-    assert any(str(event).startswith("step: friction") for event in second)
+    assert any(event_in_words(event).startswith("step: friction") for event in second)
     assert healths[1].level == ERROR
     assert healths[1].value == pytest.approx(0.7, abs=0.02)
 
@@ -227,7 +233,7 @@ def test_renamed_history_is_reported_with_the_first_test(tmp_path: Path):
     path.write_text("nothing\n")
     prognostics, outlooks = lived(2, path=path)
     prognostics.history.close()
-    assert "renamed to" in outlooks[0].events[0].text
+    assert "renamed to" in text_of(outlooks[0].events[0].occurrence)
     assert outlooks[1].events == ()
 
 
@@ -279,7 +285,7 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
     outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
     assert [item.hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
-    assert [event.text for item in outlooks for event in item.events] == [
+    assert [text_of(event.occurrence) for item in outlooks for event in item.events] == [
         "usage is ignored, 3 h: hours_per_cycle = 10 h is set"
     ]
     alone = follow(Unit(History(*UNIT)), [worn(n) for n in range(9)], TEN_HOURS)[-1]
@@ -350,8 +356,11 @@ def test_departure_without_an_explanation_by_faults_is_a_warning_and_one_event(v
     outlooks = after(*tests)
     assert [one.health.level for one in outlooks] == [OK, WARN, WARN, OK]
     assert cause_of_level(outlooks[1]).startswith(departed(1).reason)
-    kinds = [[event.kind for event in one.events if event.kind == DEPARTURE] for one in outlooks]
-    assert kinds == [[], [DEPARTURE], [], []]
+    kinds = [
+        [event.kind for event in one.events if event.kind is EventKind.DEPARTURE]
+        for one in outlooks
+    ]
+    assert kinds == [[], [EventKind.DEPARTURE], [], []]
 
 
 def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
@@ -366,7 +375,9 @@ def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
 def test_late_departure_is_an_event_without_a_level():
     _, late = after(made_test(1), departed(0))
     assert late.health.level == OK
-    assert [one.text for one in late.events if one.kind == DEPARTURE] == [departed(0).reason]
+    assert [text_of(one.occurrence) for one in late.events if one.kind is EventKind.DEPARTURE] == [
+        departed(0).reason
+    ]
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
@@ -422,7 +433,11 @@ def test_count_received_after_the_test_does_not_apply_to_it():
 def test_missed_tests_count_and_are_reported():
     _, outlooks = lived(20, missing=(7, 8, 12))
     events = {item.hours: item.events for item in outlooks if item.events}
-    assert any("2 tests without a valid estimate" in event.text for event in events[100.0])
-    assert any("1 test without a valid estimate" in event.text for event in events[140.0])
+    assert any(
+        "2 tests without a valid estimate" in text_of(event.occurrence) for event in events[100.0]
+    )
+    assert any(
+        "1 test without a valid estimate" in text_of(event.occurrence) for event in events[140.0]
+    )
     last = outlooks[-1]
     assert (last.hours, last.cycles, last.hours_per_cycle) == (200.0, 20, 10.0)

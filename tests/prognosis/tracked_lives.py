@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.outliers import Event
+from ema_monitor.prognosis.growth.outliers import GrowthEvent
 from ema_monitor.prognosis.growth.prediction import TrackedFault
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
@@ -44,11 +44,11 @@ def feed(
     faults: Mapping[str, float] | None = None,
     every: float = 10.0,
     after: float = 0.0,
-) -> tuple[list[Event], NDArray[np.float64]]:
+) -> tuple[list[GrowthEvent], NDArray[np.float64]]:
     """Grow faults, test them every few hours, and return events and the last true faults."""
     k = fault_vector(faults or {})
     noise = np.random.default_rng(1)
-    events: list[Event] = []
+    events: list[GrowthEvent] = []
     hours = after
     while hours + every <= until:
         k = grow(k, growths, hours, every, noise)

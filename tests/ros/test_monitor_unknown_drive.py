@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
+from ema_core.event_kinds import EventKind
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health, QuantityChange
@@ -16,7 +17,6 @@ from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.health import TORQUE_PER_AMPERE
-from ema_monitor.prognosis.history_entry import DEPARTURE
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
@@ -99,7 +99,9 @@ def test_departure_of_a_figure_is_published_held_and_stored(calibration: Path, t
         health = session.until(session.healths)[-1]
         assert (health.level, health.health_index) == (Health.WARN, pytest.approx(0.99, abs=0.01))
         assert estimate.reason.startswith(health.cause)
-        assert [(event.kind, event.text) for event in health.events] == [(DEPARTURE, health.cause)]
+        assert [(event.kind, event.text) for event in health.events] == [
+            (EventKind.DEPARTURE, health.cause)
+        ]
         session.feed([motion(9)])
         assert session.next_estimate().verdict == FaultEstimate.VALID
         held = session.until(lambda: session.healths()[1:])[-1]

@@ -5,6 +5,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import click
 
@@ -17,9 +18,12 @@ from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.report.page import fleet_page, report_page
 from ema_cli.report.verdict import is_unjudged, verdict_of
+from ema_core.event_kinds import EventKind
 from ema_core.files import complete_file
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.history import history_path, read_history
-from ema_monitor.prognosis.history_entry import CALIBRATION, NOTE, UnitEvent
+
+_NOTED: Final = (EventKind.NOTE, EventKind.CALIBRATION)
 
 
 @click.command()
@@ -90,5 +94,5 @@ def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
         if history.unit != unit:
             raise ValueError(f"{path}: expected a history of {unit[0]} ({unit[1]})")
     kept = (assessment.events for history in loaded for assessment in history.assessments.values())
-    notes = [event for events in kept for event in events if event.kind in (NOTE, CALIBRATION)]
+    notes = [event for events in kept for event in events if event.kind in _NOTED]
     return sorted(notes, key=lambda event: event.stamp_ns)

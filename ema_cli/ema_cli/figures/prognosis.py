@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
+from ema_core.event_kinds import EventKind
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
@@ -27,7 +28,6 @@ from ema_monitor.plot.style import (
 )
 from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
-from ema_monitor.prognosis.history_entry import FAULT, GAP
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
 from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
 
@@ -236,7 +236,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
         for x, outlook in zip(place, course.outlooks, strict=True)
         for event in (outlook.events if np.isfinite(x) else ())
         # Missing tests have no point, and the lines of the limits show faults.
-        if event.kind not in (GAP, FAULT)
+        if event.kind not in (EventKind.GAP, EventKind.FAULT)
     ]
     for number, (x, event) in enumerate(marked):
         axes.axvline(x, label="event", **_EVENT)

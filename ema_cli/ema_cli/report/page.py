@@ -43,7 +43,8 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.joint import wording
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
-from ema_monitor.prognosis.history_entry import UnitEvent
+from ema_monitor.prognosis.event_texts import text_of
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.sentences import label_of
 
 _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib", "jinja2")
@@ -116,7 +117,7 @@ def report_page(
         causes=hidden_causes(course),
         confusions=confusions(course),
         remarks=course.record.remarks,
-        notes=[(moment(note.stamp_ns), note.text) for note in notes],
+        notes=[(moment(note.stamp_ns), text_of(note.occurrence)) for note in notes],
         pictures=list(_pictures(course)),
         files=list(_files_read(paths, course)),
         calibration={

@@ -17,8 +17,9 @@ from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
-from ema_monitor.joint.comparison import Comparison
+from ema_monitor.joint.comparison import FRICTION, Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
+from ema_monitor.prognosis.event_texts import event_in_words
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -29,7 +30,6 @@ from ema_monitor.prognosis.sentences import (
     removal_in_words,
     shown_in,
 )
-from ema_monitor.quantities import FRICTION
 from ema_monitor.reason_texts import part_label
 
 _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}
@@ -74,7 +74,9 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
         path = course.record.bags.get(step.end_ns)
         # The reason names the hidden causes.
         remarks = [step.reason, *(f"measured: {cause}" for cause in step.measured)]
-        remarks += [f"event: {event}" for event in (outlook.events if outlook else ())]
+        remarks += [
+            f"event: {event_in_words(event)}" for event in (outlook.events if outlook else ())
+        ]
         rows.append(
             {
                 "number": number,

@@ -12,9 +12,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ema_cli.bags.unit_course import Course
+from ema_core.event_kinds import EventKind
 from ema_core.levels import LEVEL_NAMES
+from ema_monitor.prognosis.event_texts import event_in_words
 from ema_monitor.prognosis.growth.check import AHEAD
-from ema_monitor.prognosis.history_entry import GAP
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
@@ -144,10 +145,10 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     for outlook in course.outlooks:
         place = f"{outlook.hours:.6g} h" if math.isfinite(outlook.hours) else "an unknown hour"
         for event in outlook.events:
-            if event.kind == GAP:
+            if event.kind is EventKind.GAP:
                 missed.append(place)
             else:
-                lines.append(f"event at {place}: {event}")
+                lines.append(f"event at {place}: {event_in_words(event)}")
     if missed:
         lines.append(f"missed tests before {', '.join(missed)}")
     if reason := course.now.health.reason:

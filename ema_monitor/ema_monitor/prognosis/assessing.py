@@ -4,15 +4,15 @@
 from collections.abc import Iterable
 
 from ema_core.levels import ERROR, WARN
-from ema_monitor.prognosis.history_entry import FAULT, Assessment, Finding, UnitEvent
+from ema_monitor.prognosis.events import AlarmRaised, Occurrence, UnitEvent
+from ema_monitor.prognosis.history_entry import Assessment
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import in_words
 
 
 def assessment_of(
     outlook: Outlook,
     before: Assessment | None,
-    findings: Iterable[Finding],
+    occurrences: Iterable[Occurrence],
     events: Iterable[UnitEvent],
 ) -> Assessment:
     """Return the assessment of an outlook, with an event for each fault whose level rose.
@@ -23,8 +23,8 @@ def assessment_of(
         Outlook after a test.
     before
         Assessment of the previous test, or an earlier assessment of the same test, if any.
-    findings
-        Findings of the test.
+    occurrences
+        What the test shows.
     events
         Additional events.
     """
@@ -32,10 +32,7 @@ def assessment_of(
     items = (*health.faults, *health.requirements)
     alarms = [item for item in items if item.level in (WARN, ERROR)]
     earlier = before.alarms if before else {}
-    all_findings = list(findings)
-    all_findings += [
-        Finding(FAULT, in_words(item)) for item in alarms if item.level > earlier.get(item.name, 0)
-    ]
+    raised = [AlarmRaised(item) for item in alarms if item.level > earlier.get(item.name, 0)]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
     # If a test is reassessed, keep its original events.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()
@@ -47,6 +44,6 @@ def assessment_of(
         outlook.dominant,
         (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
         {item.name: item.level for item in alarms},
-        (*kept, *events, *(UnitEvent(stamp_ns, hours, *finding) for finding in all_findings)),
+        (*kept, *events, *(UnitEvent(stamp_ns, hours, each) for each in (*occurrences, *raised))),
         {item.name: item.unconfirmed for item in alarms if item.unconfirmed is not None},
     )

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Final
 
 from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.events import BaselineChanged, CalibrationReplaced, UnitEvent
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import CALIBRATION, Entry, UnitEvent
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import label_of
 
 SHOWN_SHARE: Final = 0.05
 """Share of its limit above which a fault is named in the event of a baseline change [-]."""
@@ -32,16 +32,11 @@ def baseline_change(
         Health of the faults after the newest valid test; empty if unknown.
     """
     newest = history.entries[-1]
-    shown = [f"{label_of(i.name)} {i.value:.3f}" for i in faults if i.share > SHOWN_SHARE]
-    before = ", ".join(shown) or "no fault above 5 % of its limit"
-    text = (
-        f"baseline changed by {person}: {calibration_id} instead of "
-        f"{_baseline(newest)}, which showed {before}"
-    )
-    worn = calibration_id if shown else ""
+    shown = ((item.name, float(item.value)) for item in faults if item.share > SHOWN_SHARE)
+    change = BaselineChanged(person, _baseline(newest), calibration_id, tuple(shown))
     assessment = history.assessments.get(newest.stamp_ns)
     hours = assessment.hours if assessment else math.nan
-    return UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn)
+    return UnitEvent(newest.stamp_ns, hours, change)
 
 
 def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
@@ -52,19 +47,25 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
     old, new = map(_baseline, entries[-2:])
     if old == new:
         return []
-    text = f"{new} instead of {old}"
-    return [UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text)]
+    return [UnitEvent(outlook.stamp_ns, outlook.hours, CalibrationReplaced(old, new))]
 
 
-def worn_baseline(history: History) -> str:
-    """Return the text of the event that set the current baseline on a worn unit, or ""."""
+def worn_baseline(history: History) -> BaselineChanged | None:
+    """Return the change that set the current baseline on a worn unit, or None."""
     newest = _baseline(history.entries[-1])
     earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
     before = next(earlier, None)
     assessment = history.assessments.get(before.stamp_ns) if before else None
     events = assessment.events if assessment else ()
-    texts = [event.text for event in events if event.worn_baseline == newest]
-    return texts[-1] if texts else ""
+    changes = (event.occurrence for event in reversed(events))
+    return next(
+        (
+            change
+            for change in changes
+            if isinstance(change, BaselineChanged) and change.faults and change.after == newest
+        ),
+        None,
+    )
 
 
 def _baseline(entry: Entry) -> str:

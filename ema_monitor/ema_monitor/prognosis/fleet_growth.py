@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.description import UnitKey
+from ema_core.event_kinds import EventKind
 from ema_core.files import complete_file, open_regular_file
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.fleet_prior import (
@@ -19,7 +20,6 @@ from ema_monitor.prognosis.growth.fleet_prior import (
     distribution,
     grid_digest,
 )
-from ema_monitor.prognosis.growth.outliers import REPAIR
 from ema_monitor.prognosis.growth.tracker_settings import FleetPrior, TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
@@ -224,8 +224,8 @@ def _unit_of(history: History, limits: HealthLimits) -> UnitGrowth:
     repaired: list[GrownFault] = []
     growing: dict[str, GrownFault] = {}
     for entry in history.entries:
-        before, findings = growing, record.add(entry)
+        before, occurrences = growing, record.add(entry)
         growing = record.tracker.grown_faults()
-        if any(finding.kind == REPAIR for finding in findings):
+        if any(item.kind is EventKind.REPAIR for item in occurrences):
             repaired += [fault for name, fault in before.items() if name not in growing]
     return UnitGrowth(record.tests, (*repaired, *growing.values()))

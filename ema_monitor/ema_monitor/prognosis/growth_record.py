@@ -4,6 +4,7 @@
 import hashlib
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from io import BytesIO
 from itertools import compress
@@ -14,16 +15,18 @@ from numpy.typing import NDArray
 
 from ema_core import growth_laws
 from ema_core.arrays import Array
+from ema_core.event_kinds import EventKind
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty_record import DutyRecord
+from ema_monitor.prognosis.events import Occurrence, ValueChanged
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.outliers import OUTLIER, PATIENCE, REPAIR, STEP, Event
+from ema_monitor.prognosis.growth.outliers import PATIENCE
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
-from ema_monitor.prognosis.history_entry import CALIBRATION, Entry, Finding
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.service import ServiceHours
 
 
@@ -90,11 +93,11 @@ class GrowthRecord:
         latest, used = self.service.latest, self.service.used
         return latest is not None and bool(used) and used[-1].stamp_ns == latest.stamp_ns
 
-    def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test. Return its findings."""
-        findings = self._note(entry)
+    def add(self, entry: Entry) -> list[Occurrence]:
+        """Add the next test. Return events about service hours and growth."""
+        occurrences = self._note(entry)
         self.duty = self._damage.course(self.service.used)
-        return findings + self._update()
+        return occurrences + self._update()
 
     def state(self) -> bytes:
         """Return the serialized state, for the ``kept`` argument of a later record."""
@@ -112,7 +115,7 @@ class GrowthRecord:
         )
         return stream.getvalue()
 
-    def _note(self, entry: Entry) -> list[Finding]:
+    def _note(self, entry: Entry) -> list[Occurrence]:
         self._entries[entry.stamp_ns] = entry
         self._damage.add(entry)
         return self.service.add(entry)
@@ -167,8 +170,8 @@ class GrowthRecord:
         pairs = zip(fed, self._used(), strict=True)
         return all(np.array_equal(before, present[:n]) for before, present in pairs)
 
-    def _update(self) -> list[Finding]:
-        """Process new tests with the tracker. Return their events as findings."""
+    def _update(self) -> list[Occurrence]:
+        """Process new tests with the tracker. Return values that growth does not explain."""
         reported = set[int]()
         # Once the reference duty is known, earlier tests must be counted by damage as well.
         if not self._begins_with(self._fed):
@@ -194,7 +197,7 @@ class GrowthRecord:
 
     def _feed(
         self, entry: Entry, hours: float, own_hours: Array, before: Sequence[Entry]
-    ) -> list[Finding]:
+    ) -> list[Occurrence]:
         estimate = entry.estimate
         if not estimate.unobservable[ECCENTRICITY_PHASE]:
             self.phase = (
@@ -202,17 +205,17 @@ class GrowthRecord:
                 float(estimate.covariance[ECCENTRICITY_PHASE, ECCENTRICITY_PHASE]),
             )
         events = self.tracker.update(Measurement.of(estimate, hours, own_hours))
-        self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
+        self.doubtful = frozenset(
+            item.component for item in events if item.kind is EventKind.OUTLIER
+        )
         baselines = {test.estimate.calibration_id for test in (*before, entry)}
-        return [_finding(item, is_new_baseline=len(baselines) > 1) for item in events]
-
-
-def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
-    """Return the finding of an event; a change due to a new baseline is not a repair or step."""
-    if is_new_baseline and event.kind in (REPAIR, STEP):
-        text = f"the baseline changed, so that values relate to a new healthy state: {event.text}"
-        return Finding(CALIBRATION, text)
-    return Finding(event.kind, event.text)
+        is_new_baseline = len(baselines) > 1
+        return [
+            replace(item, is_new_baseline=is_new_baseline)
+            if isinstance(item, ValueChanged)
+            else item
+            for item in events
+        ]
 
 
 @cache

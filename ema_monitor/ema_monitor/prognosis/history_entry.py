@@ -4,7 +4,7 @@
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,22 +21,13 @@ from ema_monitor.identification.estimate import (
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
+from ema_monitor.prognosis.events import Occurrence, UnitEvent
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.reason_texts import joined
 from ema_monitor.reasons import Reason, StampsContradict
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
-
-FAULT: Final = "fault"
-DEPARTURE: Final = "departure"
-CALIBRATION: Final = "calibration"
-RESTART: Final = "restart"
-GAP: Final = "gap"
-SERVICE_HOURS: Final = "service hours"
-HISTORY: Final = "history"
-OTHER: Final = "other"
-NOTE: Final = "note"
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,36 +154,6 @@ class UnusedCycle:
 Test = Entry | UnusedCycle
 
 
-class Finding(NamedTuple):
-    """Result of a test that becomes an event."""
-
-    kind: str
-    """Kind as in ``ema_interfaces/msg/UnitEvent``."""
-    text: str
-    """Description of the result."""
-
-
-@dataclass(frozen=True, slots=True)
-class UnitEvent:
-    """An event in the life or the monitoring of a unit."""
-
-    stamp_ns: int
-    """Stamp of the test that showed the event [ns]."""
-    hours: float
-    """Service hours at the event [h]; NaN when unknown."""
-    kind: str
-    """Kind as in ``ema_interfaces/msg/UnitEvent``."""
-    text: str
-    """Description of the event."""
-    person: str = ""
-    """Person who wrote the note or changed the baseline; empty for other events."""
-    worn_baseline: str = ""
-    """Identity of a baseline that a person chose when the unit was worn; empty for other events."""
-
-    def __str__(self) -> str:
-        return f"{self.kind}: {self.text}"
-
-
 @dataclass(frozen=True, slots=True)
 class Assessment:
     """Health and remaining life after a test."""
@@ -276,7 +237,16 @@ def read_test(text: str) -> Test:
 
 def assessment_text(assessment: Assessment) -> str:
     """Return an assessment as JSON; non-finite numbers are written as NaN and Infinity."""
-    return json.dumps(asdict(assessment), ensure_ascii=False)
+    events = [
+        {
+            "stamp_ns": event.stamp_ns,
+            "hours": event.hours,
+            "occurrence": event.occurrence.as_record(),
+        }
+        for event in assessment.events
+    ]
+    record = asdict(replace(assessment, events=())) | {"events": events}
+    return json.dumps(record, ensure_ascii=False)
 
 
 def read_assessment(text: str) -> Assessment:
@@ -286,7 +256,10 @@ def read_assessment(text: str) -> Assessment:
     return Assessment(
         **record,
         life=tuple(life) if life else None,
-        events=tuple(UnitEvent(**event) for event in events),
+        events=tuple(
+            UnitEvent(event["stamp_ns"], event["hours"], Occurrence.of_record(event["occurrence"]))
+            for event in events
+        ),
     )
 
 

@@ -5,11 +5,12 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
+from ema_core.event_kinds import EventKind
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import NOTE, Entry
+from ema_monitor.prognosis.history_entry import Entry
 
 LATEST_TESTS: Final = 20
 """Number of latest tests that are searched for intermittent faults."""
@@ -181,7 +182,7 @@ def intermittent_of(history: History, limits: HealthLimits) -> Intermittent:
             (max(stamp_ns, history.time_of(event.stamp_ns)), history.time_of(event.stamp_ns))
             for stamp_ns, assessment in history.assessments.items()
             for event in assessment.events
-            if event.kind == NOTE
+            if event.kind is EventKind.NOTE
         )
     )
     for test in sorted(history.tests, key=lambda test: test.stamp_ns):

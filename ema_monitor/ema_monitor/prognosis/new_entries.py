@@ -4,10 +4,10 @@
 import math
 from bisect import bisect
 
-from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.damage import FlownDuty
-from ema_monitor.prognosis.history_entry import GAP, Count, Entry, Finding
+from ema_monitor.prognosis.events import EstimatesMissing, Occurrence
+from ema_monitor.prognosis.history_entry import Count, Entry
 from ema_monitor.prognosis.service import ServiceHours
 
 
@@ -19,8 +19,8 @@ def next_entry(
     count: Count | None,
     flown: FlownDuty,
     shift_ns: int,
-) -> tuple[Entry, list[Finding]]:
-    """Return the entry of the next valid test, with a finding if tests are missing before it.
+) -> tuple[Entry, list[Occurrence]]:
+    """Return the entry of the next valid test, with an event if tests are missing before it.
 
     Parameters
     ----------
@@ -50,12 +50,9 @@ def next_entry(
         newest = _later(count, before, estimate.end_ns)
         if newest is not None and newest != before:
             cycles = newest.cycles or cycles
-    findings = []
     missed = cycles - latest.cycles - 1 if latest else 0
-    if missed > 0:
-        text = f"{counted(missed, 'test')} without a valid estimate before this test"
-        findings.append(Finding(GAP, text))
-    return Entry(estimate, hours, cycles, newest, flown, shift_ns), findings
+    gaps: list[Occurrence] = [EstimatesMissing(missed)] if missed > 0 else []
+    return Entry(estimate, hours, cycles, newest, flown, shift_ns), gaps
 
 
 def late_entry(

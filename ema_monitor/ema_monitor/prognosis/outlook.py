@@ -14,9 +14,10 @@ from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.history_entry import UnitEvent, UnusedCycle
+from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.reasons import Learning
 
 _OTHER_CLOCK_NS: Final = 365 * 86_400 * 10**9

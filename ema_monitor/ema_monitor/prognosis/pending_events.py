@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events and findings of a unit that the next outlook publishes."""
+"""Events of a unit that the next outlook publishes."""
 
 from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from ema_core.wording import counted
-from ema_monitor.prognosis.history_entry import (
-    DEPARTURE,
-    NOTE,
-    OTHER,
-    RESTART,
-    SERVICE_HOURS,
-    Count,
-    Finding,
+from ema_monitor.prognosis.events import (
+    CountIgnored,
+    DuplicateIgnored,
+    LateTestUsed,
+    MonitorStarted,
+    Note,
+    Occurrence,
+    UnitDeparted,
     UnitEvent,
 )
+from ema_monitor.prognosis.history_entry import Count
 
 MOST_NOTES: Final = 50
 """Largest number of a person's notes between two valid tests."""
@@ -25,60 +25,52 @@ MOST_PERSONS: Final = 20
 
 
 class PendingEvents:
-    """Events and findings for the next outlook of a unit.
+    """Events for the next outlook of a unit.
 
     Parameters
     ----------
-    findings
-        Findings before the first test.
+    occurrences
+        What happened before the first test.
     restarted
         Time at which a history was opened [ns], and its number of tests; None for no restart event.
     """
 
     def __init__(
-        self, findings: Iterable[Finding] = (), restarted: tuple[int, int] | None = None
+        self, occurrences: Iterable[Occurrence] = (), restarted: tuple[int, int] | None = None
     ) -> None:
-        self._findings = list(findings)
+        self._occurrences = list(occurrences)
         self._events: list[UnitEvent] = []
         self._restarted = restarted
         self._ignores_usage = False
 
-    def report(self, findings: Iterable[Finding]) -> None:
-        """Add the findings of a test."""
-        self._findings += findings
+    def report(self, occurrences: Iterable[Occurrence]) -> None:
+        """Add what a test shows; it becomes events of the latest test."""
+        self._occurrences += occurrences
 
     def report_repeated(self) -> None:
-        """Add the finding that a test is already in the history."""
-        text = "duplicate test ignored: it is already in the history"
-        self.report([Finding(OTHER, text)])
+        """Add the event that a test is already in the history."""
+        self.report([DuplicateIgnored()])
 
-    def report_late(self, late_s: float, departure: str) -> None:
-        """Add the findings of a valid test that is older than the latest test.
+    def report_late(self, late_s: float, departure: UnitDeparted | None) -> None:
+        """Add the events of a valid test that is older than the latest test.
 
         Parameters
         ----------
         late_s
             Time from the test to the latest test [s].
         departure
-            Departure in the test; empty without a departure.
+            Departure in the test; None without a departure.
         """
-        text = (
-            f"a test arrived late, {late_s:g} s older than the latest test: it is used for growth; "
-            "the latest test determines the level"
-        )
-        self.report([Finding(OTHER, text)])
-        if departure:
-            self.report([Finding(DEPARTURE, departure)])
+        self.report([LateTestUsed(late_s)])
+        if departure is not None:
+            self.report([departure])
 
-    def ignored_usage(self, count: Count | None, hours_per_cycle: float) -> list[Finding]:
-        """Return the finding that counts are ignored, once, if ``hours_per_cycle`` is set."""
+    def ignored_usage(self, count: Count | None, hours_per_cycle: float) -> list[Occurrence]:
+        """Return the event that counts are ignored, once, if ``hours_per_cycle`` is set."""
         if count is None or hours_per_cycle <= 0.0 or self._ignores_usage:
             return []
         self._ignores_usage = True
-        text = (
-            f"usage is ignored, {count.hours:g} h: hours_per_cycle = {hours_per_cycle:g} h is set"
-        )
-        return [Finding(SERVICE_HOURS, text)]
+        return [CountIgnored(count.hours, hours_per_cycle)]
 
     def add(self, event: UnitEvent) -> None:
         """Add an event for the next outlook."""
@@ -104,12 +96,12 @@ class PendingEvents:
             If the newest test already has too many notes.
         """
         _check_notes(person, [*self._events, *published])
-        self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))
+        self.add(UnitEvent(stamp_ns, hours, Note(person, text)))
 
-    def take_findings(self) -> list[Finding]:
-        """Remove and return the findings, because each finding is published once."""
-        findings, self._findings = self._findings, []
-        return findings
+    def take_occurrences(self) -> list[Occurrence]:
+        """Remove and return the occurrences, because each event is published once."""
+        occurrences, self._occurrences = self._occurrences, []
+        return occurrences
 
     def take_events(self, hours: float) -> list[UnitEvent]:
         """Remove and return the events, including a restart at the service hours ``hours`` [h]."""
@@ -117,14 +109,14 @@ class PendingEvents:
         if self._restarted is not None:
             opened_ns, tests = self._restarted
             self._restarted = None
-            text = f"the monitor started and read {counted(tests, 'valid test')}"
-            events.append(UnitEvent(opened_ns, hours, RESTART, text))
+            events.append(UnitEvent(opened_ns, hours, MonitorStarted(tests)))
         return events
 
 
 def _check_notes(person: str, events: Iterable[UnitEvent]) -> None:
     """Raise ValueError if another note of a person would exceed the limits."""
-    notes = Counter(event.person for event in events if event.kind == NOTE)
+    happened = (event.occurrence for event in events)
+    notes = Counter(note.person for note in happened if isinstance(note, Note))
     if notes[person] >= MOST_NOTES:
         raise ValueError(
             f"the newest test already has {MOST_NOTES} notes of {person}; add further notes "

@@ -12,7 +12,13 @@ import numpy as np
 from ema_core.description import UnitKey
 from ema_core.quantity import Checked, quantity
 from ema_core.wording import counted
-from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
+from ema_monitor.prognosis.events import (
+    CountConfirmed,
+    CountNotConfirmed,
+    Occurrence,
+    UncountedDropped,
+)
+from ema_monitor.prognosis.history_entry import Count, Entry
 
 UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count was received on topic usage before the test, and the "
@@ -198,8 +204,8 @@ class ServiceHours:
         latest = self.used[-1]
         return latest.hours + hours_per_cycle * max(cycles - latest.cycles, 0)
 
-    def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test. Return the findings about its hours."""
+    def add(self, entry: Entry) -> list[Occurrence]:
+        """Add the next test. Return events about its service hours."""
         self.latest = entry
         if entry.count is None:
             if math.isnan(entry.hours):
@@ -218,53 +224,40 @@ class ServiceHours:
         self._counted = entry
         return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
-    def _drop_uncounted(self) -> list[Finding]:
+    def _drop_uncounted(self) -> list[Occurrence]:
         """Drop tests whose hours follow from test cycles, because these do not mix with counts."""
         if not (dropped := self._uncounted):
             return []
         self.used = [test for test in self.used if test.is_counted]
         self._uncounted, self._rates, self._most_rate = 0, 0, 0.0
-        return [
-            Finding(
-                SERVICE_HOURS,
-                f"counted from now on: {_tests(dropped)} before, with hours from hours_per_cycle, "
-                "left out",
-            )
-        ]
+        return [UncountedDropped(dropped)]
 
-    def _check(self, test: TimedTest) -> list[Finding]:
+    def _check(self, test: TimedTest) -> list[Occurrence]:
         """Use a test if its service hours are plausible; else hold it back until the next count."""
         held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)
             if held is None:
                 return []
-            return [
-                Finding(
-                    SERVICE_HOURS,
-                    f"{held.hours:g} h at test {held.cycles} not confirmed by the next count, "
-                    f"{test.hours:g} h: interpolated instead",
-                )
-            ]
-        change = f"from {self.used[-1].hours:g} h to {test.hours:g} h"
+            return [CountNotConfirmed(held.hours, held.cycles, test.hours)]
+        before_hours = self.used[-1].hours
         if held is None or not self._is_plausible(held, test):
             self._held = test
             self._waiting.append(test)
             self.unknown = (
-                f"service hours went {change}: the test waits for the next count to confirm it"
+                f"service hours went from {before_hours:g} h to {test.hours:g} h: the test waits "
+                "for the next count to confirm it"
             )
             return []
-        text = f"set {change}"
         kept = [test for test in self.used if test.hours <= held.hours]
         if dropped := len(self.used) - len(kept):
-            text += f": {_tests(dropped)} at more than {held.hours:g} h left out"
             self.used = kept
             # No hours can be interpolated for tests before the held test.
             since = dropwhile(lambda waiting: waiting.stamp_ns != held.stamp_ns, self._waiting)
             self._waiting = list(since)
         self._use(held)
         self._accept(test)
-        return [Finding(SERVICE_HOURS, text)]
+        return [CountConfirmed(before_hours, test.hours, dropped, held.hours)]
 
     def _is_plausible(self, before: TimedTest, after: TimedTest) -> bool:
         elapsed, most = after.hours - before.hours, self._most_rate
@@ -300,7 +293,3 @@ class ServiceHours:
 
 def _cycles(before: TimedTest, after: TimedTest) -> int:
     return max(after.cycles - before.cycles, 1)
-
-
-def _tests(number: int) -> str:
-    return "the test" if number == 1 else f"the {number} tests"

@@ -11,14 +11,7 @@ import pytest
 from ema_core.arrays import Array
 from ema_monitor.joint.baseline import BETWEEN_DAYS, Shortcoming
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import Comparison, Judgement
-from ema_monitor.joint.record import JointRecord
-from ema_monitor.joint.shape import DRY, Shape
-from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
-from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
-from ema_monitor.joint.shape import LOAD as LOAD_COLUMN
-from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
-from ema_monitor.quantities import (
+from ema_monitor.joint.comparison import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
@@ -29,7 +22,15 @@ from ema_monitor.quantities import (
     TORQUE,
     TRACKING,
     VISCOUS,
+    Comparison,
+    Judgement,
 )
+from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.shape import DRY, Shape
+from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
+from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
+from ema_monitor.joint.shape import LOAD as LOAD_COLUMN
+from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
 
 from .baselines import (
     HEALTHY,

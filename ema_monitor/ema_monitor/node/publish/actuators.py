@@ -16,7 +16,7 @@ from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.publish.shown_health import Stream
 from ema_monitor.node.publish.unit_status import telemetry_status, unit_tasks
 from ema_monitor.node.settings import Operation
-from ema_monitor.prognosis.history_entry import UnitEvent
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import WindowFinder
 from ema_ros.node_parameters import LiveSettings

@@ -12,7 +12,7 @@ from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.moment import Moment
 from ema_monitor.node.publish.messages import health_to_message
-from ema_monitor.prognosis.history_entry import UnitEvent
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
 
 _NOTHING_KNOWN: Final = unknown_outlook("no valid estimate so far")

@@ -8,18 +8,27 @@ from pathlib import Path
 from typing import Final
 
 from ema_core.description import ActuatorDescription, UnitKey
+from ema_core.event_kinds import EventKind
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.publish.log import Log
+from ema_monitor.prognosis.event_texts import event_in_words
+from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import DEPARTURE, FAULT, HISTORY, RESTART, UnitEvent
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_ros.status import Task, hardware_name
 
 PROGNOSIS: Final = "the prognosis"
 """Name of the step in log lines when a unit or its history fails."""
+
+_LOGGED_ELSEWHERE: Final = (
+    EventKind.FAULT,
+    EventKind.DEPARTURE,
+    EventKind.RESTART,
+    EventKind.HISTORY,
+)
 
 
 class Histories:
@@ -106,9 +115,8 @@ class Histories:
             self._log.error(f"{description.actuator_id}: {problem}")
         self._logged[key] = problem
         for event in events:
-            # Changes of level, restarts and histories are logged elsewhere.
-            if event.kind not in (FAULT, DEPARTURE, RESTART, HISTORY):
-                self._log.warning(f"{description.actuator_id}: {event}")
+            if event.kind not in _LOGGED_ELSEWHERE:
+                self._log.warning(f"{description.actuator_id}: {event_in_words(event)}")
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator for this run; its files are kept."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detection of outliers, repairs and steps: abrupt changes that growth does not explain."""
 
-from dataclasses import dataclass
+import math
 from typing import Final
 
 import numpy as np
@@ -9,13 +9,10 @@ from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.events import ValueChanged, ValuesDisagree, ValueUnexpected
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
-
-REPAIR: Final = "repair"
-STEP: Final = "step"
-OUTLIER: Final = "outlier"
 
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
@@ -24,22 +21,8 @@ PATIENCE: Final = 4
 considered changed."""
 
 
-@dataclass(frozen=True)
-class Event:
-    """A measured value that growth does not explain."""
-
-    kind: str
-    """``"outlier"``, ``"repair"`` or ``"step"``.
-
-    An outlier is held back until the next test. If that test agrees, a repair (smaller fault) or a
-    step (larger fault) follows; otherwise the outlier is discarded.
-    """
-    component: str
-    """Component of the fault vector."""
-    hours: float
-    """Service hour of the first test that showed the value [h]."""
-    text: str
-    """Description of the event for the user."""
+GrowthEvent = ValuesDisagree | ValueUnexpected | ValueChanged
+"""A measured value that growth does not explain."""
 
 
 class OutlierDetector(Kept):
@@ -65,9 +48,9 @@ class OutlierDetector(Kept):
         self._agreed = 0
         self._patience = 0
 
-    def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
+    def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[GrowthEvent]]:
         """Return the first held test that agrees with this test (or None), and the events."""
-        name, events = COMPONENTS, list[Event]()
+        events: list[GrowthEvent] = []
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
             innovation = measurement.normalized_innovation(earlier.value, variance)
@@ -77,12 +60,8 @@ class OutlierDetector(Kept):
                 return earlier, []
             was, now = HEALTHY + earlier.value, HEALTHY + measurement.value
             events = [
-                Event(
-                    OUTLIER,
-                    name[i],
-                    measurement.hours,
-                    f"{name[i]} {was[i]:.3f} at {earlier.hours:.1f} h and {now[i]:.3f} at "
-                    f"{measurement.hours:.1f} h disagree; waiting for the next test",
+                ValuesDisagree(
+                    COMPONENTS[i], float(was[i]), earlier.hours, float(now[i]), measurement.hours
                 )
                 for i in odd
             ]
@@ -91,7 +70,7 @@ class OutlierDetector(Kept):
 
     def judge(
         self, measurement: Measurement, mean: Array, variance: Array, tests: NDArray[np.intp]
-    ) -> tuple[list[Event], Flags, Flags]:
+    ) -> tuple[list[GrowthEvent], Flags, Flags]:
         """Return events and two masks, ``(7,)``: components that changed, and components held back.
 
         Parameters
@@ -141,19 +120,12 @@ class OutlierDetector(Kept):
 
 def _event(
     number: int, measurement: Measurement, mean: Array, variance: Array, changed: bool, since: float
-) -> Event:
+) -> GrowthEvent:
     name = COMPONENTS[number]
-    was, now = HEALTHY[number] + mean[number], HEALTHY[number] + measurement.value[number]
+    expected = float(HEALTHY[number] + mean[number])
+    value = float(HEALTHY[number] + measurement.value[number])
     if not changed:
-        return Event(
-            OUTLIER,
-            name,
-            measurement.hours,
-            f"{name} {now:.3f} at {measurement.hours:.1f} h where {was:.3f} ± "
-            f"{np.sqrt(variance[number]):.3f} was expected; held back until the next test",
-        )
-    smaller = abs(measurement.value[number]) < abs(mean[number])
-    kind, verb = (REPAIR, "fell") if smaller else (STEP, "rose")
-    return Event(
-        kind, name, since, f"{name} {verb} from {was:.3f} to {now:.3f}, confirmed by the next test"
-    )
+        sigma = math.sqrt(variance[number])
+        return ValueUnexpected(name, value, measurement.hours, expected, sigma)
+    is_smaller = bool(abs(measurement.value[number]) < abs(mean[number]))
+    return ValueChanged(name, expected, value, since, is_smaller)

@@ -34,7 +34,7 @@ from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.mixture import Mixture
-from ema_monitor.prognosis.growth.outliers import Event, OutlierDetector
+from ema_monitor.prognosis.growth.outliers import GrowthEvent, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import (
     BEGINS_BELOW,
     ENDS_ABOVE,
@@ -126,7 +126,7 @@ class Tracker(Kept):
     def __repr__(self) -> str:
         return f"<Tracker: {self.updates} tests, latest at {self.hours:g} h>"
 
-    def update(self, measurement: Measurement) -> list[Event]:
+    def update(self, measurement: Measurement) -> list[GrowthEvent]:
         """Update the tracker with a test.
 
         Parameters
@@ -136,7 +136,7 @@ class Tracker(Kept):
 
         Returns
         -------
-        list of Event
+        list of GrowthEvent
             Outliers, repairs and steps detected with this test.
 
         Raises
@@ -156,7 +156,7 @@ class Tracker(Kept):
             self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
         floor = self._settings.sigma_floor**2 * np.eye(N_FAULTS)
         measurement = replace(measurement, covariance=measurement.covariance + floor)
-        events = list[Event]()
+        events = list[GrowthEvent]()
         if not self._tests.any():
             first, events = self._outliers.begin(measurement)
             if first is None:

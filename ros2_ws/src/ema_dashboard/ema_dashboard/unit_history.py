@@ -13,6 +13,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
+from ema_core.event_kinds import EventKind
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
 from ema_core.wording import counted
@@ -69,7 +70,7 @@ class ActuatorHistory:
             self._trim()
         if lost:
             text = f"the monitor started a new history, without {counted(lost, 'earlier test')}"
-            self._happened(next(iter(history.tests)).stamp, "history", text)
+            self._happened(next(iter(history.tests)).stamp, EventKind.HISTORY, text)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
         """Add an estimate. Return whether the monitor has restarted since the previous estimate.
@@ -80,8 +81,12 @@ class ActuatorHistory:
         has_restarted = before is not None and estimate.window < before.window
         if before is not None and has_restarted:
             since_ns = stamp_from_message(before.header.stamp)
-            if not any(at >= since_ns and kind == "restart" for at, kind, _ in self._events):
-                self._happened(estimate.header.stamp, "restart", "the monitor was restarted")
+            if not any(
+                at >= since_ns and kind == EventKind.RESTART for at, kind, _ in self._events
+            ):
+                self._happened(
+                    estimate.header.stamp, EventKind.RESTART, "the monitor was restarted"
+                )
         is_repeated = (
             before is not None
             and before.lacks_calibration
@@ -90,7 +95,7 @@ class ActuatorHistory:
         # The progress of learning is not an event.
         is_learning = "learning" in estimate.reason_codes
         if estimate.lacks_calibration and not is_repeated and not is_learning:
-            self._happened(estimate.header.stamp, "calibration", estimate.reason)
+            self._happened(estimate.header.stamp, EventKind.CALIBRATION, estimate.reason)
         if estimate.valid:
             self._estimate = estimate
             self._join()
@@ -108,7 +113,7 @@ class ActuatorHistory:
 
     def note_gap(self, stamp: Time, samples: int) -> None:
         """Add an event about missing samples of telemetry."""
-        self._happened(stamp, "gap", f"{counted(samples, 'sample')} of telemetry missing")
+        self._happened(stamp, EventKind.GAP, f"{counted(samples, 'sample')} of telemetry missing")
 
     def rewind(self, time_ns: int) -> None:
         """Discard entries later than a time [ns]."""
@@ -142,11 +147,11 @@ class ActuatorHistory:
             actuator_id=self._actuator_id, serial_number=self.serial_number, is_addition=is_addition
         )
 
-    def _happened(self, stamp: Time, kind: str, text: str) -> None:
+    def _happened(self, stamp: Time, kind: EventKind, text: str) -> None:
         """Add an event that is not reported by any message."""
         hours = self._health.flight_hours if self._health else math.nan
         text = text[:_MOST_TEXT]
-        self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text)])
+        self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind.value, text=text)])
 
     def _add_events(self, events: Iterable[UnitEvent]) -> None:
         new = {key: event for event in events if (key := _identity(event)) not in self._events}
