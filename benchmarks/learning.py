@@ -28,9 +28,9 @@ from ema_core.parameters import NEUTRAL, ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.baselines.unit_baseline import UnitBaseline
 from ema_monitor.calibration.joint_calibration import calibrate_joint
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.learning import unusable
 from ema_monitor.joint.shape import DRY
+from ema_monitor.quantities import FRICTION
 from ema_monitor.windows.window import Window
 from ema_sim.robot.work import WorkSettings, simulate_work
 

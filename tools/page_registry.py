@@ -16,7 +16,7 @@ from ema_bags.message_type import message_class
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.faults import FAULTS
 from ema_interfaces import msg
-from ema_monitor.joint.comparison import QUANTITIES
+from ema_monitor.quantities import QUANTITIES
 
 WEB: Final = Path(__file__).parents[1] / "ros2_ws/src/ema_dashboard/web"
 FILE: Final = WEB / "src/registry.json"

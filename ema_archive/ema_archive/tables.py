@@ -32,6 +32,7 @@ _QUANTITY: Final = pa.struct(
         **dict.fromkeys(("change", "low", "high", "smallest_change"), _FLOAT),
         "unit": _TEXT,
         "reason": _TEXT,
+        "reasons": pa.list_(REASON),
         "rivals": pa.list_(_TEXT),
     }
 )
@@ -206,9 +207,13 @@ def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
     row |= row.pop("faults")
     row["reasons"] = reason_rows(estimate.reasons)
     row |= {f"{name}_sigma": value for name, value in estimate.sigma._asdict().items()}
-    if row["comparison"] is not None and row["comparison"]["states"] is not None:
-        # Arrow represents a map as a list of pairs.
-        row["comparison"]["states"] = list(row["comparison"]["states"].items())
+    compared = estimate.comparison
+    if compared is not None:
+        if compared.states is not None:
+            # Arrow represents a map as a list of pairs.
+            row["comparison"]["states"] = list(compared.states.items())
+        for change, item in zip(row["comparison"]["quantities"], compared.quantities, strict=True):
+            change["reasons"] = reason_rows(item.reasons)
     for name in ("covariance", "quantiles"):
         row[name] = list(chain.from_iterable(row[name]))
     return row | {"tested": estimate.end_ns // 1000, "number": number}
@@ -218,9 +223,14 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
     """Convert a row of `estimate_row` back to the estimate, identical to the last bit."""
     matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
     compared = row["comparison"]
-    if compared is not None and compared["states"] is not None:
-        compared = {**compared, "states": dict(compared["states"])}
-    reasons = [reason.as_record() for reason in reasons_from(row["reasons"])]
+    if compared is not None:
+        states, quantities = compared["states"], compared["quantities"]
+        compared = {
+            **compared,
+            "states": None if states is None else dict(states),
+            "quantities": [item | {"reasons": _records(item["reasons"])} for item in quantities],
+        }
+    reasons = _records(row["reasons"])
     values = {**row, "faults": row, **matrices, "comparison": compared, "reasons": reasons}
     return estimate_of(values)
 
@@ -237,9 +247,11 @@ def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
 
 def reasons_from(rows: Iterable[Mapping[str, str]]) -> tuple[Reason, ...]:
     """Convert rows of `reason_rows` back to reasons."""
-    return tuple(
-        Reason.of_record({"code": row["code"], **json.loads(row["figures"])}) for row in rows
-    )
+    return tuple(map(Reason.of_record, _records(rows)))
+
+
+def _records(rows: Iterable[Mapping[str, str]]) -> list[dict[str, Any]]:
+    return [{"code": row["code"], **json.loads(row["figures"])} for row in rows]
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

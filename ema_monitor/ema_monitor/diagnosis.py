@@ -24,7 +24,7 @@ from ema_monitor.identification.tally import CombinationSettings, Combining, Tal
 from ema_monitor.joint.departure import Departure
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.reasons import LabelledState, Reason, StretchesInsufficient
+from ema_monitor.reasons import Reason, StretchesInsufficient
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -79,12 +79,11 @@ def _judged(
     is_foreign = not estimate.valid and calibration.unit_mismatch(description)
     if departure is None or is_foreign:
         return estimate
-    state = LabelledState(departure.likeness) if departure.likeness else None
-    reasons: list[Reason | None] = [state]
+    reasons: list[Reason | None] = [departure.likeness]
     if not departure.is_significant:
         reasons.insert(0, departure.would_depart)
     elif not (estimate.valid and _is_explained(estimate, departure)):
-        reasons = [departure.reason]
+        reasons.insert(0, departure.reason)
         estimate = replace(estimate, verdict=DEPARTED)
     return replace(estimate, reasons=(*filter(None, reasons), *estimate.reasons))
 

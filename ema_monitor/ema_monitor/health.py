@@ -23,9 +23,10 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.identification.search_settings import MOST_UNEXPLAINED
-from ema_monitor.joint.comparison import TORQUE, Comparison
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.wording import why_no_level
 from ema_monitor.model.deviations import USUAL_SIGMA
+from ema_monitor.quantities import TORQUE
 from ema_monitor.unusual_causes import ONE_SIDED_95, TORQUE_CONSTANT, torque_change, unusual_causes
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"

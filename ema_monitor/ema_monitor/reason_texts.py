@@ -11,7 +11,8 @@ from ema_core.column_errors import Reference
 from ema_core.column_wording import error_text, question
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
 from ema_core.wording import counted
-from ema_monitor.reasons import Reason, mistake_of
+from ema_monitor.quantities import QUANTITIES
+from ema_monitor.reasons import Reason, Unjudged, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
 """Names of the short circuits; if equal in all phases, they act like a smaller torque constant."""
@@ -23,6 +24,68 @@ LABELS: Final = {name: fault.label for name, fault in FAULT_BY_NAME.items()} | {
     name: cause.label for name, cause in CAUSE_BY_NAME.items()
 }
 """Labels of faults and hidden causes by name."""
+
+_FIGURES: Final = {
+    "rest_current": "current at rest",
+    **{
+        f"{name}_{direction}": f"{label} in the {direction} stroke"
+        for direction in ("forward", "backward")
+        for name, label in (
+            ("current", "current"),
+            ("current_scatter", "scatter of the current"),
+            ("current_roughness", "roughness of the current"),
+            ("error_scatter", "scatter of the tracking error"),
+            ("error_roughness", "roughness of the tracking error"),
+        )
+    },
+    "friction_current": "mean current of both strokes",
+}
+"""Labels of the figures of a window, by name."""
+
+_UNJUDGED: Final = {
+    Unjudged.NO_GRAVITY: "the healthy records show no gravity",
+    Unjudged.LITTLE_ACCELERATION: "the healthy records accelerate too little",
+    Unjudged.ONE_SPEED: (
+        "the healthy records have nearly one speed: it is part of Coulomb friction"
+    ),
+    Unjudged.ONLY_FRICTION: (
+        "the healthy records show only friction, which cannot be distinguished from it"
+    ),
+    Unjudged.EFFORT_UNEXPLAINED: (
+        "the motion does not explain a large part of the effort in the healthy records, which "
+        "hides it"
+    ),
+    Unjudged.NO_SINGLE_CHANGE: (
+        "it departs as well, and no single change explains the whole record"
+    ),
+    Unjudged.DOUBTFUL: (
+        "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
+        "records from further days"
+    ),
+    Unjudged.HARDLY_VISIBLE: "friction or inertia is hardly visible in the record",
+    Unjudged.NO_MOTOR_SIDE: (
+        "it needs the speed of the motor, the position of the joint and several reversals"
+    ),
+    Unjudged.PLAY_INVISIBLE: (
+        "no play is visible in the healthy records: both sensors are on one side, or a constant "
+        "load closes the play"
+    ),
+    Unjudged.FEW_REVERSALS: "too few reversals, or no measured speed",
+    Unjudged.PLAY_CLOSED: "a load closes the play",
+    Unjudged.COMMAND_STILL: "the position command does not move enough",
+    Unjudged.NO_COMMAND: "there is no position command",
+    Unjudged.HEALTHY_COMMAND_STILL: (
+        "the position command of the healthy records does not move enough"
+    ),
+    Unjudged.NO_HEALTHY_COMMAND: "the healthy records have no position command",
+}
+"""Reason why a quantity is not judged."""
+
+_NO_STATE: Final = "no state is named"
+_UNEXPLAINED: Final = "no fault explains it"
+_MOST_NAMED: Final = 3
+_LEAST_SHOWN: Final = 1e-6
+_LEAST_SHARE: Final = 0.05
 
 _OPEN_CIRCUIT: Final = f"{LABELS['dead_switch']} or {LABELS['open_phase_a']}, B or C"
 
@@ -175,6 +238,51 @@ def _faults_not_shown(reason: of.FaultsNotShown) -> str:
     return f"the motion does not show {', '.join(LABELS[name] for name in reason.faults)}"
 
 
+def figure_text(figure: of.DepartedFigure) -> str:
+    """Return how a figure differs from healthy."""
+    label = figure_label(figure.name)
+    if math.isnan(figure.value):
+        return f"{label} is {figure.ratio:.3g} times the healthy value"
+    share = f" ({100.0 * (figure.ratio - 1.0):+.0f} %)" if math.isfinite(figure.ratio) else ""
+    return f"{label} is {figure.value:.3g} A, healthy {figure.healthy:.3g} A{share}"
+
+
+def figure_label(name: str) -> str:
+    """Return the displayed name of a figure of a window, or the name of any other figure."""
+    return _FIGURES.get(name, name)
+
+
+def _figures_departed(reason: of.FiguresDeparted) -> str:
+    named = "; ".join(map(figure_text, reason.figures[:_MOST_NAMED]))
+    return f"departed ({_rarity(reason.probability)} differs as much): {named}; {_UNEXPLAINED}"
+
+
+def _rarity(probability: float) -> str:
+    """Return a probability as "1 in ... healthy tests"."""
+    least = max(probability, _LEAST_SHOWN)
+    number = float(f"{1.0 / least:.2g}")
+    return f"{'at most ' if probability < least else ''}1 in {number:,.0f} healthy tests"
+
+
+def _labelled_state(reason: of.LabelledState) -> str:
+    first, *less = reason.states
+    probable = [first, *(item for item in less if item.probability >= _LEAST_SHARE)]
+    named = ", ".join(f"{state} ({100.0 * share:.0f} %)" for state, share in probable)
+    verb = "state is" if len(probable) == 1 else "states are"
+    return f"the most probable labelled {verb} {named}"
+
+
+def _would_depart(reason: of.WouldDepart) -> str:
+    change, smallest = f"{reason.change:+.3g} A", f"{reason.smallest_change:.3g} A"
+    if reason.is_relative:
+        change = f"{100.0 * reason.change:+.0f} %"
+        smallest = f"{100.0 * reason.smallest_change:.0f} %"
+    return (
+        f"{figure_label(reason.figure)} differs by {change}; on a day without healthy tests, "
+        f"changes above {smallest} would show"
+    )
+
+
 def _too_few_strokes(reason: of.TooFewStrokes) -> str:
     without = " without a payload" if reason.is_empty else ""
     return (
@@ -325,9 +433,26 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.MotionDisagrees: "the subsequent motion does not agree with the estimate",
     of.FaultsNotShown: _faults_not_shown,
     of.StretchesInsufficient: "the stretches do not determine the faults to the wanted accuracy",
-    of.FiguresDeparted: "{r.detail}; no fault explains it",
-    of.LabelledState: "{r.detail}",
-    of.WouldDepart: "{r.detail}",
+    of.StatedReason: "{r.sentence}",
+    of.FiguresDeparted: _figures_departed,
+    of.LabelledState: _labelled_state,
+    of.OtherMotion: lambda r: (
+        f"{_NO_STATE}: no healthy window has the motion {r.travel:.3g} rad at {r.speed:.3g} rad/s, "
+        f"{1.0 / r.sample_period:g} Hz"
+    ),
+    of.OtherLoad: (
+        f"{_NO_STATE}: the load is new, {{r.away:.2g}} A from the healthy and labelled windows"
+    ),
+    of.TooFewHealthy: f"{_NO_STATE}: the load has fewer than {{r.least}} healthy windows",
+    of.TooFewLabelled: (
+        f"{_NO_STATE}: no labelled state has {{r.least}} tests of this motion and load"
+    ),
+    of.WouldDepart: _would_depart,
+    of.QuantityUnjudged: lambda r: _UNJUDGED[r.cause],
+    of.QuantityInseparable: lambda r: (
+        "this motion cannot distinguish it from "
+        + AND.join(QUANTITIES[name].label for name in r.changed)
+    ),
     of.TooFewRows: (
         "{r.rows} rows of steady motion in one direction, at least {r.least} are needed: "
         "record a longer motion, without gaps of lost samples"

@@ -6,10 +6,10 @@ people.
 """
 
 import math
-import re
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, ClassVar, Final, Self
+from dataclasses import dataclass, fields
+from enum import Enum, StrEnum
+from typing import Any, ClassVar, Final, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from ema_core.acquisition import Acquisition
 from ema_core.column_errors import ColumnError, Kind, Mistake, Reference
@@ -18,12 +18,14 @@ KINDS: Final[dict[str, type["Reason"]]] = {}
 """Classes of reasons by code."""
 
 _COUNTS: Final = ("stretches", "of_stretches")
-_FIGURE: Final = re.compile(r"\d[\d.]*")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Reason for a missing estimate, or reservation about an estimate; a subclass per kind."""
+    """Reason for a missing estimate, or reservation about an estimate; a subclass per kind.
+
+    A field is a number, name, flag or enum, a NamedTuple of them, or a tuple of any of these.
+    """
 
     code: ClassVar[str]
     """Name of the kind."""
@@ -37,11 +39,11 @@ class Reason:
         KINDS[code] = cls
 
     def as_record(self) -> dict[str, Any]:
-        """Return code and figures as plain values."""
-        values = asdict(self)
+        """Return code and figures as plain values: names for enums, a mapping for a NamedTuple."""
+        names = [item.name for item in fields(self)]
         if not self.of_stretches:
-            values = {name: value for name, value in values.items() if name not in _COUNTS}
-        return {"code": self.code} | values
+            names = [name for name in names if name not in _COUNTS]
+        return {"code": self.code} | {name: _plain(getattr(self, name)) for name in names}
 
     @property
     def kind(self) -> tuple[Any, ...]:
@@ -66,24 +68,43 @@ class Reason:
 
     @classmethod
     def _read(cls, values: dict[str, Any]) -> Self:
-        for item in fields(cls):
-            if item.type is float:
-                value = values[item.name]
-                values[item.name] = math.nan if value is None else float(value)
-        return cls(**{name: _as_tuple(value) for name, value in values.items()})
+        types = get_type_hints(cls)
+        return cls(**{name: _read_as(types[name], value) for name, value in values.items()})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, tuple):
+        names: tuple[str, ...] = getattr(value, "_fields", ())
+        items = list(map(_plain, value))
+        return dict(zip(names, items, strict=True)) if names else items
+    return value
+
+
+def _read_as(kind: Any, value: Any) -> Any:
+    """Return a value of a type from the output of ``_plain``; a float may be None for NaN."""
+    if kind is float:
+        return math.nan if value is None else float(value)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(value)
+    if isinstance(kind, type) and hasattr(kind, "_fields"):
+        types = get_type_hints(kind)
+        return kind(**{name: _read_as(types[name], item) for name, item in value.items()})
+    if get_origin(kind) is tuple and (types := get_args(kind))[1:] == (Ellipsis,):
+        return tuple(_read_as(types[0], item) for item in value)
+    return _as_tuple(value)
 
 
 def _as_tuple(value: Any) -> Any:
-    return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
+    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
 def _without_figures(value: Any) -> Any:
-    """Return a value without its numbers, also without those in a text."""
+    """Return a value without its numbers."""
     if isinstance(value, tuple):
         return tuple(map(_without_figures, value))
-    if isinstance(value, str):
-        return _FIGURE.sub("", value)
-    return value if isinstance(value, bool) else None
+    return value if isinstance(value, bool | str) else None
 
 
 def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
@@ -436,27 +457,86 @@ class StretchesInsufficient(Reason, code="stretches_insufficient"):
     """The stretches do not determine the faults to the target accuracy."""
 
 
+@dataclass(frozen=True)
+class StatedReason(Reason, code="stated"):
+    """A message states the reason as a sentence, without its kind and figures."""
+
+    sentence: str
+
+
 # Comparison with the windows and records of the healthy unit.
+
+
+class DepartedFigure(NamedTuple):
+    """Figure of a window that departs from the healthy windows."""
+
+    name: str
+    ratio: float
+    """Measured over healthy value [-]; NaN for a level with a healthy value of 0 or less."""
+    value: float = math.nan
+    healthy: float = math.nan
+    """Measured and healthy value of a level [A]; NaN for other figures."""
 
 
 @dataclass(frozen=True)
 class FiguresDeparted(Reason, code="figures_departed"):
     """Figures of the window depart from healthy, and no fault explains the departure."""
 
-    figures: tuple[str, ...]
-    """Names of the departed figures, most significant first."""
+    figures: tuple[DepartedFigure, ...]
+    """Departed figures, most significant first."""
     probability: float
     """Probability that a healthy test differs by as much."""
-    detail: str
-    """Description of the departed figures and the likely labelled state."""
+
+
+class StateProbability(NamedTuple):
+    """Probability of a labelled state."""
+
+    state: str
+    probability: float
 
 
 @dataclass(frozen=True)
 class LabelledState(Reason, code="labelled_state"):
-    """The window resembles labelled states, or no labelled state clearly enough."""
+    """The window resembles these states, the most probable first."""
 
-    detail: str
-    """Description with the names of the states, or with the reason why no state is named."""
+    states: tuple[StateProbability, ...]
+
+
+@dataclass(frozen=True)
+class OtherMotion(Reason, code="other_motion"):
+    """No labelled state is named: no healthy window has the motion of the window."""
+
+    travel: float
+    """Travel of the command [rad]."""
+    speed: float
+    """99 % quantile of the commanded speed [rad/s]."""
+    sample_period: float
+    """Period of the samples [s]."""
+
+
+@dataclass(frozen=True)
+class OtherLoad(Reason, code="other_load"):
+    """No labelled state is named: the load is ``away`` [A] from healthy and labelled windows."""
+
+    away: float
+
+
+@dataclass(frozen=True)
+class TooFewHealthy(Reason, code="too_few_healthy"):
+    """No labelled state is named: fewer than ``least`` healthy windows have the load."""
+
+    least: int
+
+
+@dataclass(frozen=True)
+class TooFewLabelled(Reason, code="too_few_labelled"):
+    """No labelled state is named: no state has ``least`` tests of this motion and load."""
+
+    least: int
+
+
+StateUnnamed = OtherMotion | OtherLoad | TooFewHealthy | TooFewLabelled
+"""Reason why no labelled state is named."""
 
 
 @dataclass(frozen=True)
@@ -465,8 +545,64 @@ class WouldDepart(Reason, code="would_depart"):
 
     figure: str
     """Name of the figure."""
-    detail: str
-    """Description of the difference."""
+    change: float
+    """Measured minus healthy value, relative to healthy [-]; else in A."""
+    smallest_change: float
+    """Smallest change that departs on a day without healthy tests, as ``change``."""
+    is_relative: bool
+    """Whether the changes are relative; false for a level with a healthy value of 0 or less."""
+
+
+class Unjudged(StrEnum):
+    """Cause why a quantity of a record is neither changed nor unchanged."""
+
+    NO_GRAVITY = "no_gravity"
+    """The healthy records show no gravity."""
+    LITTLE_ACCELERATION = "little_acceleration"
+    """The healthy records accelerate too little."""
+    ONE_SPEED = "one_speed"
+    """The healthy records have nearly one speed."""
+    ONLY_FRICTION = "only_friction"
+    """The healthy records show only friction."""
+    EFFORT_UNEXPLAINED = "effort_unexplained"
+    """The motion does not explain a large part of the effort in the healthy records."""
+    NO_SINGLE_CHANGE = "no_single_change"
+    """It departs as well, and no single change explains the whole record."""
+    DOUBTFUL = "doubtful"
+    """The change is beyond usual variation, but not certain."""
+    HARDLY_VISIBLE = "hardly_visible"
+    """Friction or inertia is too small in the record."""
+    NO_MOTOR_SIDE = "no_motor_side"
+    """The healthy records lack motor speed, joint position or reversals."""
+    PLAY_INVISIBLE = "play_invisible"
+    """No play is visible in the healthy records."""
+    FEW_REVERSALS = "few_reversals"
+    """The record has too few reversals, or no measured speed."""
+    PLAY_CLOSED = "play_closed"
+    """A load closes the play."""
+    COMMAND_STILL = "command_still"
+    """The position command does not move enough."""
+    NO_COMMAND = "no_command"
+    """There is no position command."""
+    HEALTHY_COMMAND_STILL = "healthy_command_still"
+    """The position command of the healthy records does not move enough."""
+    NO_HEALTHY_COMMAND = "no_healthy_command"
+    """The healthy records have no position command."""
+
+
+@dataclass(frozen=True)
+class QuantityUnjudged(Reason, code="quantity_unjudged"):
+    """A quantity of a record is not judged."""
+
+    cause: Unjudged
+
+
+@dataclass(frozen=True)
+class QuantityInseparable(Reason, code="quantity_inseparable"):
+    """A quantity is not judged: the motion cannot distinguish it from changed quantities."""
+
+    changed: tuple[str, ...]
+    """Names of the changed quantities."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from tests.monitor.comparisons import CASES, HEALTHY, compared
 from tests.monitor.windows import estimated
 
 from ema_archive.tables import BAG_TABLES, estimate_from, estimate_row
-from ema_monitor.joint.comparison import FRICTION, Comparison, FigureChange, Improvement
+from ema_monitor.joint.comparison import Comparison, FigureChange, Improvement
+from ema_monitor.quantities import FRICTION
 
 FULL = replace(
     HEALTHY,

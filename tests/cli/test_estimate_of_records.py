@@ -13,13 +13,15 @@ from tests.monitor.comparisons import (
     HEALTHY,
     LOADED,
     NOTHING,
+    STILL,
     changed,
     compared,
     comparison,
 )
 
 from ema_cli.bags.identifying import Identifying
-from ema_monitor.joint.comparison import FRICTION, Comparison, Improvement
+from ema_monitor.joint.comparison import Comparison, Improvement
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import WindowUnusable
 
 Shown = Callable[..., Any]
@@ -50,7 +52,7 @@ def test_record_is_shown_as_a_table_of_quantities(estimate: Shown):
     assert "record 0, " in result.stdout
     rows = [" ".join(line.split()) for line in result.stdout.splitlines()]
     assert "Coulomb friction +15.2 % +11.2 to +19.2 % changed" in rows
-    assert "not judged (no position command)" in result.stdout
+    assert "not judged (there is no position command)" in result.stdout
     assert "\ndeparted\nCoulomb friction rose 15.2 %" in result.stdout
     assert "short circuit" not in result.stdout
     assert "command travels" not in result.stdout
@@ -67,7 +69,7 @@ def test_healthy_record_ends_with_0_and_states_how_to_detect_smaller_changes(est
 def test_record_without_a_judgement_ends_with_3(estimate: Shown):
     result = estimate(NOTHING)
     assert result.exit_code == 3
-    assert "\nrefused\nNo quantity could be judged: the joint did not move" in result.stdout
+    assert f"\nrefused\n{STILL}" in result.stdout
 
 
 def test_several_records_have_a_line_each_and_a_summary(estimate: Shown):
@@ -91,7 +93,7 @@ def test_json_has_the_quantities(estimate: Shown):
     assert friction["change"] == pytest.approx(0.152)
     hidden = one["comparison"]["quantities"][-1]
     assert (hidden["judgement"], hidden["change"]) == ("not judged", None)
-    assert hidden["reason"] == "no position command"
+    assert hidden["reason"] == "there is no position command"
 
 
 def test_unreadable_record_is_refused_with_its_reason(

@@ -15,7 +15,9 @@ from tests.monitor.comparisons import (
     END_NS,
     FRICTION_UP,
     HEALTHY,
+    HIDDEN,
     NOTHING,
+    STILL,
     changed,
     compared,
     comparison,
@@ -24,11 +26,12 @@ from tests.monitor.comparisons import (
 )
 
 from ema_cli.bags.identifying import Identifying
-from ema_monitor.joint.comparison import FRICTION, Comparison, Improvement
+from ema_monitor.joint.comparison import Comparison, Improvement
+from ema_monitor.quantities import FRICTION
 
 from ..pages import Page
 
-NO_FRICTION = comparison(not_judged(FRICTION, "one direction only"))
+NO_FRICTION = comparison(not_judged(FRICTION))
 COARSE = comparison(unchanged(FRICTION, 0.35))
 IMPROVABLE = replace(COARSE, improvements=(Improvement(FRICTION, 2, 6, 0.06, 0.05),))
 HOURS = ("--hours-per-cycle", "10")
@@ -71,7 +74,7 @@ def report(run: Run, tmp_path: Path) -> Callable[..., tuple[Any, Page]]:
         (FRICTION_UP, "Changed: Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %).", 3),
         (EFFORT_UP, "Changed: Effort at the same motion rose 22.0 % (", 3),
         (NOTHING, "Unknown: ", 3),
-        (NO_FRICTION, "Unknown: Coulomb friction is not judged: one direction only", 3),
+        (NO_FRICTION, f"Unknown: Coulomb friction is not judged: {HIDDEN}", 3),
         (COARSE, "Unknown: only changes of Coulomb friction above 35 % would show; its warning", 3),
     ],
 )
@@ -87,7 +90,7 @@ def test_unit_whose_records_judge_nothing_is_never_healthy(report):
     result, page = report(NOTHING, NOTHING)
     assert result.exit_code == 3
     first = result.stdout.splitlines()[0]
-    assert first.startswith("Unknown: No quantity could be judged: the joint did not move")
+    assert first.startswith(f"Unknown: No quantity could be judged: {STILL}")
     assert "Repeat the record of" in " ".join(page.printed["li"])
     assert "1.00" not in result.stdout
 
@@ -96,7 +99,7 @@ def test_second_line_names_the_wear_or_why_it_is_unknown(report):
     lines = [report(HEALTHY, of)[0].stdout.splitlines()[1] for of in (HEALTHY, NO_FRICTION)]
     assert lines == [
         "No fault differs from healthy by more than its uncertainty.",
-        "Whether friction has grown is unknown: one direction only.",
+        f"Whether friction has grown is unknown: {HIDDEN}.",
     ]
     worn = report(*[FRICTION_UP] * 3)[0].stdout.splitlines()[1]
     assert worn.startswith("Friction 0.0")
@@ -113,7 +116,7 @@ def test_page_has_the_table_the_smallest_change_and_how_to_lower_it(report):
     cells = page.printed["td"]
     assert "unchanged (changes above 35 % would show)" in cells
     assert "35 %" in cells
-    assert "not judged (no position command)" in cells
+    assert "not judged (there is no position command)" in cells
     assert "smallest detectable change" in page.printed["th"]
     lowers = "6 further healthy records on 2 further days would lower"
     assert any(line.startswith(lowers) for line in page.printed["p"])

@@ -21,11 +21,11 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis, diagnose
 from ema_monitor.identification.search_settings import SearchSettings
-from ema_monitor.joint.comparison import INERTIA
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.node.publish.messages import estimate_to_message
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.quantities import INERTIA
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window

@@ -10,24 +10,15 @@ import numpy as np
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector
 from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate
-from ema_monitor.joint.comparison import (
-    FRICTION,
-    INERTIA,
-    LOAD,
-    PLAY,
-    QUANTITIES,
-    TORQUE,
-    TRACKING,
-    Comparison,
-    Judgement,
-    QuantityChange,
-)
-from ema_monitor.joint.wording import summary
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.joint.comparison import Comparison, Judgement, QuantityChange
+from ema_monitor.joint.comparison import not_judged as all_unjudged
+from ema_monitor.quantities import FRICTION, INERTIA, LOAD, PLAY, QUANTITIES, TORQUE, TRACKING
+from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import MotorStill, QuantityInseparable, QuantityUnjudged, Unjudged
 
 END_NS = 1_700_000_000_000_000_000
 
-_REASONS = {PLAY: "no motor position", TRACKING: "no position command"}
+_CAUSES = {PLAY: Unjudged.NO_MOTOR_SIDE, TRACKING: Unjudged.NO_COMMAND}
 _SMALLEST = {name: 0.06 if name == FRICTION else 0.1 for name in QUANTITIES}
 
 
@@ -50,18 +41,18 @@ def changed(
     )
 
 
-def not_judged(name: str, reason: str) -> QuantityChange:
+def not_judged(name: str, cause: Unjudged = Unjudged.HARDLY_VISIBLE) -> QuantityChange:
     """Return a quantity that the record does not show."""
     unit = "N.m" if name == LOAD else "-"
-    return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reason=reason)
+    return QuantityChange(name, Judgement.NOT_JUDGED, unit=unit, reasons=(QuantityUnjudged(cause),))
 
 
 def rival(name: str, of: str, change: float) -> QuantityChange:
     """Return a quantity that would explain the record as well as the changed one."""
-    reason = f"this motion cannot distinguish it from {QUANTITIES[of].label}"
+    reasons = (QuantityInseparable((of,)),)
     low, high = change - 0.04, change + 0.04
     return QuantityChange(
-        name, Judgement.NOT_JUDGED, change, low, high, 0.1, reason=reason, rivals=(of,)
+        name, Judgement.NOT_JUDGED, change, low, high, 0.1, reasons=reasons, rivals=(of,)
     )
 
 
@@ -70,7 +61,7 @@ def comparison(*special: QuantityChange, **more: Any) -> Comparison:
     by_name = {quantity.name: quantity for quantity in special}
     quantities = tuple(
         by_name.get(name)
-        or (not_judged(name, _REASONS[name]) if name in _REASONS else unchanged(name))
+        or (not_judged(name, _CAUSES[name]) if name in _CAUSES else unchanged(name))
         for name in QUANTITIES
     )
     return Comparison(quantities, **more)
@@ -78,11 +69,13 @@ def comparison(*special: QuantityChange, **more: Any) -> Comparison:
 
 HEALTHY = comparison(probability=0.6)
 FRICTION_UP = comparison(changed(FRICTION, 0.152), probability=1e-6)
-NOTHING = comparison(*(not_judged(name, "the joint did not move") for name in QUANTITIES))
+HIDDEN = text_of(QuantityUnjudged(Unjudged.HARDLY_VISIBLE))
+STILL = text_of(MotorStill())
+NOTHING = all_unjudged(MotorStill())
 EFFORT_UP = comparison(changed(FRICTION, 0.22, rivals=(TORQUE,)), rival(TORQUE, FRICTION, -0.18))
 LOADED = comparison(changed(LOAD, 0.5, 0.1))
 PLAY_UP = comparison(changed(PLAY, 3.0, 0.4))
-HEAVIER = comparison(changed(INERTIA, 0.3), not_judged(FRICTION, "one direction only"))
+HEAVIER = comparison(changed(INERTIA, 0.3), not_judged(FRICTION))
 
 CASES: Mapping[str, Comparison] = {
     "healthy": HEALTHY,
@@ -129,7 +122,7 @@ def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
         "unobservable": unobservable,
         "valid": bool(of.judged),
         "verdict": verdict,
-        "reasons": () if of.judged else (WindowUnusable(summary(of)),),
+        "reasons": () if of.judged else of.quantities[0].reasons,
         "causes": causes,
         "comparison": of,
     }

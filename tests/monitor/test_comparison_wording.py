@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from ema_monitor.joint.comparison import (
+from ema_monitor.joint.comparison import Comparison, FigureChange, Improvement
+from ema_monitor.joint.wording import HEADINGS, improvement_sentences, rows, smallest_text, summary
+from ema_monitor.quantities import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
@@ -13,19 +15,17 @@ from ema_monitor.joint.comparison import (
     LOAD,
     TORQUE,
     VISCOUS,
-    Comparison,
-    FigureChange,
-    Improvement,
 )
-from ema_monitor.joint.wording import HEADINGS, improvement_sentences, rows, smallest_text, summary
 
 from .comparisons import (
     CASES,
     EFFORT_UP,
     FRICTION_UP,
     HEALTHY,
+    HIDDEN,
     LOADED,
     NOTHING,
+    STILL,
     changed,
     comparison,
     not_judged,
@@ -55,13 +55,14 @@ def test_decrease_has_an_ascending_interval():
 def test_healthy_record_states_the_detectable_change_and_the_unjudged_quantities():
     assert summary(HEALTHY) == (
         "No quantity has changed: changes of Coulomb friction above 6 % would show. "
-        "Not judged: play (no motor position), tracking lag (no position command)"
+        "Not judged: play (it needs the speed of the motor, the position of "
+        "the joint and several reversals), tracking lag (there is no position command)"
     )
-    assert summary(comparison(not_judged(FRICTION, "one direction only"))).startswith(
-        "No quantity has changed. Not judged: Coulomb friction (one direction only), "
+    assert summary(comparison(not_judged(FRICTION))).startswith(
+        f"No quantity has changed. Not judged: Coulomb friction ({HIDDEN}), "
     )
     assert row(HEALTHY, "Coulomb friction")[2] == "unchanged (changes above 6 % would show)"
-    assert row(HEALTHY, "tracking lag") == ("", "", "not judged (no position command)")
+    assert row(HEALTHY, "tracking lag") == ("", "", "not judged (there is no position command)")
 
 
 @pytest.mark.parametrize(
@@ -129,8 +130,8 @@ def test_absolute_change_has_its_unit():
 
 
 def test_record_that_shows_nothing_gives_the_reason_once():
-    assert summary(NOTHING) == "No quantity could be judged: the joint did not move"
-    assert {judgement for *_, judgement in rows(NOTHING)} == {"not judged (the joint did not move)"}
+    assert summary(NOTHING) == f"No quantity could be judged: {STILL}"
+    assert {judgement for *_, judgement in rows(NOTHING)} == {f"not judged ({STILL})"}
 
 
 def test_departed_figure_is_stated_though_no_quantity_has_changed():

@@ -19,8 +19,9 @@ from ema_monitor.health import (
     with_requirements,
 )
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.joint.comparison import FRICTION, PLAY, TORQUE, VISCOUS, Comparison, FigureChange
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.joint.comparison import Comparison, FigureChange
+from ema_monitor.quantities import FRICTION, PLAY, TORQUE, VISCOUS
+from ema_monitor.reasons import Unjudged, WindowUnusable
 
 from .comparisons import (
     CASES,
@@ -28,6 +29,7 @@ from .comparisons import (
     FRICTION_UP,
     HEALTHY,
     HEAVIER,
+    HIDDEN,
     LOADED,
     PLAY_UP,
     changed,
@@ -248,25 +250,27 @@ def test_ok_needs_a_smallest_change_below_the_warning_limit():
 
 
 def test_ok_needs_a_judgement_of_friction():
-    health = health_of(comparison(not_judged(FRICTION, "one direction only")))
+    health = health_of(comparison(not_judged(FRICTION)))
     assert health.level == STALE
     assert np.isnan(health.health_index)
-    assert health.reason == "Coulomb friction is not judged: one direction only"
+    assert health.reason == f"Coulomb friction is not judged: {HIDDEN}"
 
 
 def test_doubtful_change_leaves_the_level_unknown_and_is_named_with_its_size():
-    doubt = replace(not_judged(FRICTION, "not certain"), change=0.147, low=0.1, high=0.2)
+    doubt = replace(not_judged(FRICTION, Unjudged.DOUBTFUL), change=0.147, low=0.1, high=0.2)
     assert health_of(comparison(doubt)).reason == (
-        "Coulomb friction is not judged: not certain; Coulomb friction may have changed by +14.7 %"
+        "Coulomb friction is not judged: the change is beyond usual variation, but not certain: "
+        "repeat the record, or add healthy records from further days; "
+        "Coulomb friction may have changed by +14.7 %"
     )
-    inertia = replace(not_judged("inertia", "not certain"), change=0.05, low=0.02, high=0.08)
+    inertia = replace(not_judged("inertia", Unjudged.DOUBTFUL), change=0.05, low=0.02, high=0.08)
     assert health_of(comparison(unchanged(FRICTION, 0.06), inertia)).reason == (
         "inertia may have changed by +5.0 %, which is beyond usual variation, but not certain"
     )
 
 
 def test_friction_tracked_over_earlier_tests_does_not_replace_its_judgement():
-    estimate = compared(comparison(not_judged(FRICTION, "one direction only")))
+    estimate = compared(comparison(not_judged(FRICTION)))
     health = assess(estimate, LIMITS, {"friction": Tracked(0.0, 0.001)})
     assert health.level == STALE
     assert {one.level for one in health.faults} == {STALE}
@@ -300,10 +304,7 @@ def test_index_of_a_departure_follows_the_share_of_its_limit():
 
 def test_departure_without_friction_has_no_index_as_no_limit_is_known():
     health = health_of(
-        comparison(
-            changed(VISCOUS, 1.0),
-            *(not_judged(name, "one direction only") for name in (FRICTION, TORQUE, PLAY)),
-        )
+        comparison(changed(VISCOUS, 1.0), *(not_judged(name) for name in (FRICTION, TORQUE, PLAY)))
     )
     assert health.level == WARN
     assert np.isnan(health.health_index)
@@ -316,7 +317,7 @@ def test_torque_per_ampere_is_a_requirement_if_it_is_judged():
     assert item.sigma == pytest.approx(np.hypot(0.02 / 1.645, 0.05))
     [item] = torque(HEALTHY)
     assert (item.value, item.level) == (1.0, OK)
-    assert torque(comparison(not_judged(TORQUE, "no inertia torque"))) == []
+    assert torque(comparison(not_judged(TORQUE, Unjudged.ONLY_FRICTION))) == []
 
 
 def test_torque_that_is_not_separated_from_friction_is_not_blamed():

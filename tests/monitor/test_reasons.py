@@ -5,6 +5,7 @@ import json
 import math
 import re
 from dataclasses import fields, replace
+from enum import Enum
 from typing import Any
 
 import pytest
@@ -12,13 +13,14 @@ import pytest
 from ema_monitor.reason_texts import joined, text_of
 from ema_monitor.reasons import (
     KINDS,
+    DepartedFigure,
     MotorStill,
     NotConverged,
     NotMeasured,
     NoTravel,
     OtherUnit,
     Reason,
-    WindowUnusable,
+    StateProbability,
     codes,
 )
 
@@ -32,7 +34,12 @@ _NAMES: dict[str, Any] = {
     "mistake": _RPM,
     "mistakes": (_RPM, ("sign", -1.0, "", "")),
     "reference": "speed",
-    "figures": ("current_rms",),
+    "figures": (
+        DepartedFigure("friction_current", math.inf, 0.1 + 0.2, 0.3),
+        DepartedFigure("error_scatter_forward", 1.5, math.inf, math.inf),
+    ),
+    "states": (StateProbability("dry", 0.9), StateProbability("worn", 0.1)),
+    "changed": ("friction", "gravity"),
     "differences": (
         ("serial_number", "B", "A"),
         ("tau", 0.1 + 0.2, 0.3),
@@ -50,7 +57,10 @@ def made(kind: type[Reason]) -> Reason:
     by_type = {float: 0.1 + 0.2, int: 3, bool: True, str: "speed"}
     own = [item for item in fields(kind) if item.name not in ("stretches", "of_stretches")]
     values: dict[str, Any] = {
-        item.name: _NAMES.get(item.name, by_type.get(item.type)) for item in own
+        item.name: next(iter(item.type))
+        if isinstance(item.type, type) and issubclass(item.type, Enum)
+        else _NAMES.get(item.name, by_type.get(item.type))
+        for item in own
     }
     return kind(**values)
 
@@ -97,5 +107,3 @@ def test_reasons_that_differ_only_in_numbers_are_of_one_kind():
     tau, other = (OtherUnit((("tau", value, 0.3),)) for value in (0.1, 0.2))
     assert tau.kind == other.kind != OtherUnit((("k_t", 0.1, 0.3),)).kind
     assert replace(tau, stretches=2, of_stretches=5).kind == tau.kind
-    gaps = [WindowUnusable(f"gap of {samples} samples") for samples in (3, 12)]
-    assert gaps[0].kind == gaps[1].kind != WindowUnusable("cut off").kind

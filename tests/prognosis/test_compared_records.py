@@ -23,19 +23,20 @@ from ema_core.event_kinds import EventKind
 from ema_core.levels import OK, STALE, WARN
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.joint.comparison import FRICTION, Comparison
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.event_texts import text_of
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import WITHOUT_MODEL, RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of
+from ema_monitor.quantities import FRICTION
 from ema_monitor.unit import Unit
 
 from .lived_units import TEN_HOURS, plain
 from .made_tests import UNIT
 
-NO_FRICTION = comparison(not_judged(FRICTION, "one direction only"))
+NO_FRICTION = comparison(not_judged(FRICTION))
 GROWTH = 0.03
 
 
@@ -93,7 +94,7 @@ def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Pat
     last = outlooks[-1]
     assert (last.health.level, last.health.confidence) == (STALE, 0.0)
     assert math.isnan(last.health.health_index)
-    assert "the joint did not move" in reason_of(last)
+    assert "no excitation: the motor stands still" in reason_of(last)
     unit.history.close()
     again = Unit(History(*UNIT, tmp_path / "unit.db"), TEN_HOURS).resume(None, TEN_HOURS)
     assert again is not None

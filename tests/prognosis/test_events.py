@@ -14,7 +14,6 @@ from ema_archive.history_rows import history_from, kept_history
 from ema_core.event_kinds import EventKind
 from ema_core.levels import WARN
 from ema_monitor.health import FaultHealth, Recurrence
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.prognosis.event_texts import event_in_words, text_of
 from ema_monitor.prognosis.events import (
     OCCURRENCES,
@@ -30,6 +29,7 @@ from ema_monitor.prognosis.events import (
 )
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Assessment, assessment_text, read_assessment
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import NotMeasured
 
 _RECURRENCE = Recurrence(2, 20, 0.1 + 0.2, 4)

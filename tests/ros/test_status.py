@@ -134,5 +134,5 @@ def test_quantities_are_plain_decimals_with_their_unit_in_the_key():
 def test_record_without_a_judgement_is_stale_with_its_reason():
     task = health_task("nothing")
     assert task.level == STALE
-    assert "No quantity could be judged: the joint did not move" in task.message
+    assert "no excitation: the motor stands still" in task.message
     assert values_of(task)["health index"] == "nan"

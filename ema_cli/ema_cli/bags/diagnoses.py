@@ -13,6 +13,7 @@ from ema_bags.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_core.levels import STALE
 from ema_monitor.joint.comparison import JUDGEMENTS, QuantityChange
+from ema_monitor.reasons import StatedReason
 from ema_monitor.recordings.windows import truth_at
 from ema_ros.messages import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
@@ -128,7 +129,7 @@ def quantity_of(message: Any) -> QuantityChange:
         message.high,
         message.smallest_change,
         message.unit,
-        message.reason,
+        (StatedReason(message.reason),) if message.reason else (),
         tuple(message.rivals),
     )
 

@@ -19,11 +19,12 @@ from ema_monitor.calibration.joint_calibration import JointCalibration, calibrat
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import SKIPPED, Estimate
 from ema_monitor.intake import Intake
-from ema_monitor.joint.comparison import FRICTION, QuantityChange
+from ema_monitor.joint.comparison import QuantityChange
 from ema_monitor.joint.wording import friction_advice
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.quantities import FRICTION
 from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings

@@ -26,8 +26,8 @@ from ema_monitor.identification.estimate import (
     VERDICTS,
     Estimate,
 )
-from ema_monitor.joint.comparison import FRICTION, QUANTITIES
 from ema_monitor.joint.wording import change_text, finding, improvement_sentences, label_of
+from ema_monitor.quantities import FRICTION, QUANTITIES
 from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.window import MIN_TRAVEL
 

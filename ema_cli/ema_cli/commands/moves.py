@@ -10,8 +10,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ema_cli.options import REFUSED
+from ema_core.levels import ERROR, LEVEL_NAMES, WARN
 from ema_core.wording import counted
 from ema_monitor.joint.moves import MoveSeries, MoveVerdict
+from ema_monitor.reason_texts import figure_text
 
 
 @click.command()
@@ -46,10 +48,10 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
                 "unit": unit,
                 "stamp_ns": move.stamp_ns,
                 "ratio": item.ratio,
-                "level": item.level,
+                "level": LEVEL_NAMES[item.level],
                 "probability": item.probability,
                 "life_days": None if item.life_days is None else list(item.life_days),
-                "reason": item.reason,
+                "reason": _reason(item, limit),
             }
             for unit, series in judged.items()
             for move, item in series
@@ -57,12 +59,12 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
         click.echo(json.dumps(rows))
     else:
         for unit, series in judged.items():
-            _show(unit, [(move.stamp_ns, verdict) for move, verdict in series])
-    if any(series[-1][1].level in ("WARN", "ERROR") for series in judged.values() if series):
+            _show(unit, [(move.stamp_ns, verdict) for move, verdict in series], limit)
+    if any(series[-1][1].level in (WARN, ERROR) for series in judged.values() if series):
         raise click.exceptions.Exit(REFUSED)
 
 
-def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
+def _show(unit: str, series: list[tuple[int, MoveVerdict]], limit: float) -> None:
     import pandas as pd
 
     title = f"{escape(unit) or 'unit'}: {counted(len(series), 'test')}"
@@ -71,5 +73,18 @@ def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
     for stamp_ns, verdict in series:
         life = " / ".join(f"{value:.1f}" for value in verdict.life_days or ())
         time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
-        table.add_row(time, f"{verdict.ratio:.2f}", verdict.level, life, escape(verdict.reason))
+        level, why = LEVEL_NAMES[verdict.level], escape(_reason(verdict, limit))
+        table.add_row(time, f"{verdict.ratio:.2f}", level, life, why)
     Console().print(table)
+
+
+def _reason(verdict: MoveVerdict, limit: float) -> str:
+    """Return the reason for the level of a move."""
+    departure = verdict.departure
+    if departure is None:
+        return "reference" + (f"; {verdict.missing} more needed" if verdict.missing else "")
+    if verdict.level == ERROR:
+        return f"{verdict.ratio:.2f} times healthy: the limit of {limit:g} is exceeded"
+    if not departure.changes:
+        return "no figure departs"
+    return figure_text(departure.changes[0].departed)

@@ -14,8 +14,8 @@ from ema_cli.show.joint_table import HEADINGS, friction_text, row_of
 from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_core.wording import counted
 from ema_monitor.joint import wording
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.plot.style import BLUE, GREY, stacked_panels, tidy
+from ema_monitor.quantities import FRICTION
 
 _URGENCY = {ERROR: 0, WARN: 1, STALE: 2}
 

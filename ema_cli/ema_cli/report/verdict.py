@@ -17,7 +17,7 @@ from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
-from ema_monitor.joint.comparison import FRICTION, Comparison
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
 from ema_monitor.prognosis.event_texts import event_in_words
 from ema_monitor.prognosis.growth.prediction import RemainingLife
@@ -30,6 +30,7 @@ from ema_monitor.prognosis.sentences import (
     removal_in_words,
     shown_in,
 )
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reason_texts import part_label
 
 _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}

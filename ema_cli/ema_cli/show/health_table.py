@@ -17,9 +17,9 @@ from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import beside_limit, counted, time_in_words
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
+from ema_monitor.quantities import FRICTION
 from ema_ros.claims import Received, worth
 from ema_ros.stamps import stamp_from_message
 

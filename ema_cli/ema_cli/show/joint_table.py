@@ -10,8 +10,9 @@ from ema_core.dates import moment
 from ema_core.levels import LEVEL_NAMES, STALE
 from ema_core.wording import counted, text_table
 from ema_monitor.identification.estimate import Estimate, plain
-from ema_monitor.joint.comparison import FRICTION, QUANTITIES, Judgement, QuantityChange
+from ema_monitor.joint.comparison import Judgement, QuantityChange
 from ema_monitor.joint.wording import smallest_text
+from ema_monitor.quantities import FRICTION, QUANTITIES
 
 HEADINGS: Final = ("joint", "level", "since", "records", "friction", "further changes")
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.trend import friction_rise
 from ema_monitor.joint.wording import advice_sentences
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import Learning
 from ema_monitor.windows.window import Window
 

@@ -16,6 +16,7 @@ from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
 from ema_core.repetition import samples_per_update
 from ema_core.telemetry import Telemetry
+from ema_monitor import quantities as of
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.estimate import (
     DEPARTED,
@@ -26,9 +27,8 @@ from ema_monitor.identification.estimate import (
     VALID,
     Estimate,
 )
-from ema_monitor.joint import comparison as of
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.comparison import Comparison, QuantityChange
+from ema_monitor.joint.comparison import Comparison, QuantityChange, not_judged
 from ema_monitor.joint.curve import FrictionCurve, friction_curve
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, read_record, record_defect
@@ -40,7 +40,6 @@ from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.standstill import StandstillCause, standstill_of
 from ema_monitor.joint.zero import zero_shift
-from ema_monitor.reason_texts import joined
 from ema_monitor.reasons import (
     EffortMissing,
     EffortReversed,
@@ -324,7 +323,7 @@ def _refused(
         calibration_windows=calibration.windows,
         verdict=verdict,
         lacks_calibration=lacks_calibration,
-        comparison=of.not_judged(joined(reasons)) if compared else None,
+        comparison=not_judged(*reasons) if compared else None,
     )
 
 

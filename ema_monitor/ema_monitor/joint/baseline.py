@@ -14,14 +14,14 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.dates import FIRST_DATE_NS
 from ema_core.wording import unknown_name
-from ema_monitor.joint.comparison import TORQUE
-from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
 from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.figures import SPEED_STEPS
 from ema_monitor.joint.record import NS_A_DAY, JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, DRY, GRAVITY, INERTIA, LOAD, VISCOUS, Shape
 from ema_monitor.joint.signals import Preparation
 from ema_monitor.joint.single import BETWEEN_RECORDS
+from ema_monitor.quantities import TORQUE
+from ema_monitor.quantities import VISCOUS as VISCOUS_FRICTION
 
 BETWEEN_DAYS: Final = {
     "friction": 0.008,

@@ -18,7 +18,16 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_monitor.joint import shape as at
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.comparison import (
+from ema_monitor.joint.comparison import Comparison, Improvement, Judgement, QuantityChange
+from ema_monitor.joint.figures import FIGURES
+from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
+from ema_monitor.joint.record import NO_DAY, NS_A_DAY, JointRecord
+from ema_monitor.joint.scatter import Prediction, Scatter
+from ema_monitor.joint.shape import COEFFICIENTS
+from ema_monitor.joint.single import BETWEEN_RECORDS, Z90, SingleTest
+from ema_monitor.joint.states import state_probabilities
+from ema_monitor.joint.symptoms import SymptomComparer
+from ema_monitor.quantities import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
@@ -29,19 +38,8 @@ from ema_monitor.joint.comparison import (
     TORQUE,
     TRACKING,
     VISCOUS,
-    Comparison,
-    Improvement,
-    Judgement,
-    QuantityChange,
 )
-from ema_monitor.joint.figures import FIGURES
-from ema_monitor.joint.hypotheses import Hypothesis, hypotheses
-from ema_monitor.joint.record import NO_DAY, NS_A_DAY, JointRecord
-from ema_monitor.joint.scatter import Prediction, Scatter
-from ema_monitor.joint.shape import COEFFICIENTS
-from ema_monitor.joint.single import BETWEEN_RECORDS, Z90, SingleTest
-from ema_monitor.joint.states import state_probabilities
-from ema_monitor.joint.symptoms import SymptomComparer
+from ema_monitor.reasons import QuantityInseparable, QuantityUnjudged, Reason, Unjudged
 
 _MODEL_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
@@ -64,23 +62,14 @@ _MORE_DAYS: Final = 2
 _MORE_RECORDS: Final = 6
 _WORTH_IT: Final = 0.9
 _TINY: Final = 1e-12
-_NO_INERTIA: Final = "the healthy records accelerate too little"
 _UNSEEN: Final = {
-    GRAVITY: "the healthy records show no gravity",
-    INERTIA: _NO_INERTIA,
-    FRICTION_OVER_INERTIA: _NO_INERTIA,
-    VISCOUS: "the healthy records have nearly one speed: it is part of Coulomb friction",
-    TORQUE: "the healthy records show only friction, which cannot be distinguished from it",
+    GRAVITY: Unjudged.NO_GRAVITY,
+    INERTIA: Unjudged.LITTLE_ACCELERATION,
+    FRICTION_OVER_INERTIA: Unjudged.LITTLE_ACCELERATION,
+    VISCOUS: Unjudged.ONE_SPEED,
+    TORQUE: Unjudged.ONLY_FRICTION,
 }
-"""Reason reported for a quantity that the healthy records cannot determine."""
-_UNEXPLAINED: Final = (
-    "the motion does not explain a large part of the effort in the healthy records, which hides it"
-)
-_TOGETHER: Final = "it departs as well, and no single change explains the whole record"
-_DOUBT: Final = (
-    "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
-    "records from further days"
-)
+"""Cause why the healthy records cannot determine a quantity."""
 
 
 @dataclass(frozen=True)
@@ -339,14 +328,14 @@ class _Test:
         quantities[TRACKING] = tracking.change
         if self._baseline.shape.has_inertia:
             quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
-        for name, reason in _UNSEEN.items():
+        for name, cause in _UNSEEN.items():
             if name not in quantities:
                 if self._baseline.is_unexplained:
-                    reason = _UNEXPLAINED
+                    cause = Unjudged.EFFORT_UNEXPLAINED
                 quantities[name] = QuantityChange(
                     name,
                     Judgement.NOT_JUDGED,
-                    reason=reason,
+                    reasons=(QuantityUnjudged(cause),),
                     rivals=named if name in rivals else (),
                 )
         figures = symptoms.figures(self._record, _growth(quantities))
@@ -470,19 +459,20 @@ class _Test:
             change, low, high, smallest = (scale * value for value in (change, low, high, smallest))
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
             change, low, high = _inverse(change, low, high)
-        judgement, reason, rival_names = Judgement.UNCHANGED, "", ()
+        judgement, rival_names = Judgement.UNCHANGED, ()
+        reason: Reason | None = None
         if name in named:
             judgement, rival_names = Judgement.CHANGED, rivals
         elif name in rivals:
             judgement, rival_names = Judgement.NOT_JUDGED, named
-            labels = " and ".join(QUANTITIES[rival].label for rival in named)
-            reason = f"this motion cannot distinguish it from {labels}"
+            reason = QuantityInseparable(named)
         elif test.is_significant:
-            judgement, reason = Judgement.NOT_JUDGED, _TOGETHER
+            judgement, reason = Judgement.NOT_JUDGED, QuantityUnjudged(Unjudged.NO_SINGLE_CHANGE)
         elif is_doubtful and not named:
-            judgement, reason = Judgement.NOT_JUDGED, _DOUBT
+            judgement, reason = Judgement.NOT_JUDGED, QuantityUnjudged(Unjudged.DOUBTFUL)
         figures = change, low, high, smallest
-        return QuantityChange(name, judgement, *figures, unit, reason, rival_names)
+        reasons = () if reason is None else (reason,)
+        return QuantityChange(name, judgement, *figures, unit, reasons, rival_names)
 
     def _tolerance(self, name: str) -> float:
         """Return the standard deviation of the logarithm of a relative change.
@@ -507,18 +497,18 @@ class _Test:
         both = [at.DRY, at.INERTIA]
         friction, inertia = (self._record.values[both] / healthy[both]).tolist()
         if min(friction, inertia) < _LEAST_RATIO:
-            reason = "friction or inertia is hardly visible in the record"
-            return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reason=reason)
+            hidden = QuantityUnjudged(Unjudged.HARDLY_VISIBLE)
+            return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reasons=(hidden,))
         ratio = friction / inertia
         sigma = math.hypot(test.prediction.sigma, self._tolerance(FRICTION) * (ratio - 1.0))
         low, high = (ratio * math.exp(sign * Z90 * sigma) - 1.0 for sign in (-1.0, 1.0))
-        judgement, reason = Judgement.UNCHANGED, ""
+        judgement, reasons = Judgement.UNCHANGED, ()
         if test.is_significant and named:
             judgement = Judgement.CHANGED
         elif test.is_significant or test.is_doubtful:
-            judgement, reason = Judgement.NOT_JUDGED, _DOUBT
+            judgement, reasons = Judgement.NOT_JUDGED, (QuantityUnjudged(Unjudged.DOUBTFUL),)
         figures = ratio - 1.0, low, high, test.smallest_change
-        return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures, reason=reason)
+        return QuantityChange(FRICTION_OVER_INERTIA, judgement, *figures, reasons=reasons)
 
 
 def _growth(quantities: Mapping[str, QuantityChange]) -> float:

@@ -3,9 +3,13 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
+
+from ema_monitor.quantities import QUANTITIES
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import Reason
 
 
 class Judgement(StrEnum):
@@ -18,42 +22,6 @@ class Judgement(StrEnum):
 
 JUDGEMENTS: Final = (Judgement.UNCHANGED, Judgement.CHANGED, Judgement.NOT_JUDGED)
 """Judgements, in the order of their numbers in ``ema_interfaces/msg/QuantityChange``."""
-
-
-class Quantity(NamedTuple):
-    """A physical quantity of a joint."""
-
-    label: str
-    """Displayed name."""
-    reference: str = "healthy"
-    """Reference of a relative change."""
-
-
-FRICTION: Final = "friction"
-VISCOUS: Final = "viscous_friction"
-TORQUE: Final = "torque_per_ampere"
-INERTIA: Final = "inertia"
-FRICTION_OVER_INERTIA: Final = "friction_over_inertia"
-GRAVITY: Final = "gravity"
-LOAD: Final = "load"
-PLAY: Final = "play"
-TRACKING: Final = "tracking_lag"
-
-QUANTITIES: Final[Mapping[str, Quantity]] = {
-    FRICTION: Quantity("Coulomb friction"),
-    VISCOUS: Quantity("viscous friction", reference="all friction at the usual speed"),
-    TORQUE: Quantity("torque per unit of effort"),
-    INERTIA: Quantity("inertia"),
-    FRICTION_OVER_INERTIA: Quantity("Coulomb friction over inertia"),
-    GRAVITY: Quantity("gravity"),
-    LOAD: Quantity("constant load"),
-    PLAY: Quantity("play"),
-    TRACKING: Quantity("tracking lag"),
-}
-"""The quantities of a comparison by name, in display order."""
-
-FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
-"""Fault that each quantity measures. Records of an unknown drive do not measure other faults."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +43,15 @@ class QuantityChange:
     """Smallest change that is detected with a probability of 90 %, in the unit of ``change``."""
     unit: str = "-"
     """Unit of ``change``, ``low``, ``high`` and ``smallest_change``: "-" for a relative change."""
-    reason: str = ""
+    reasons: tuple[Reason, ...] = ()
     """Why the quantity is not judged; empty if it is judged."""
     rivals: tuple[str, ...] = ()
     """Names of quantities that explain the record equally well."""
+
+    @property
+    def reason(self) -> str:
+        """Why the quantity is not judged, as a sentence; empty if it is judged."""
+        return joined(self.reasons)
 
     @property
     def is_judged(self) -> bool:
@@ -89,6 +62,16 @@ class QuantityChange:
     def is_estimated(self) -> bool:
         """Whether ``change`` is an estimate of this quantity and not of a rival."""
         return math.isfinite(self.change) and (self.is_judged or not self.rivals)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the change and its ``reason`` as plain values."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return values | {
+            "judgement": str(self.judgement),
+            "reason": self.reason,
+            "reasons": [reason.as_record() for reason in self.reasons],
+            "rivals": list(self.rivals),
+        }
 
 
 @dataclass(frozen=True)
@@ -168,13 +151,8 @@ class Comparison:
     def as_mapping(self) -> dict[str, Any]:
         """Return the comparison as plain values for JSON; NaN is not replaced."""
         content = asdict(self)
-        for quantity in content["quantities"]:
-            quantity["judgement"], quantity["rivals"] = (
-                str(quantity["judgement"]),
-                list(quantity["rivals"]),
-            )
         return content | {
-            "quantities": list(content["quantities"]),
+            "quantities": [quantity.as_mapping() for quantity in self.quantities],
             "figures": list(content["figures"]),
             "improvements": list(content["improvements"]),
         }
@@ -201,7 +179,7 @@ class Comparison:
                 number(quantity["high"]),
                 number(quantity["smallest_change"]),
                 str(quantity["unit"]),
-                str(quantity["reason"]),
+                tuple(map(Reason.of_record, quantity["reasons"])),
                 tuple(map(str, quantity["rivals"])),
             )
             for quantity in content["quantities"]
@@ -228,8 +206,8 @@ class Comparison:
         return cls(quantities, figures, number(content["probability"]), states, improvements)
 
 
-def not_judged(reason: str) -> Comparison:
+def not_judged(*reasons: Reason) -> Comparison:
     """Return a comparison in which no quantity is judged."""
     return Comparison(
-        tuple(QuantityChange(name, Judgement.NOT_JUDGED, reason=reason) for name in QUANTITIES)
+        tuple(QuantityChange(name, Judgement.NOT_JUDGED, reasons=reasons) for name in QUANTITIES)
     )

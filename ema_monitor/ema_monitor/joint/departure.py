@@ -15,7 +15,14 @@ import numpy as np
 
 from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest, scatter_of
-from ema_monitor.reasons import FiguresDeparted, WouldDepart
+from ema_monitor.reasons import (
+    DepartedFigure,
+    FiguresDeparted,
+    LabelledState,
+    StateProbability,
+    StateUnnamed,
+    WouldDepart,
+)
 
 HEALTHY: Final = "healthy"
 """State of the tests and records of a baseline."""
@@ -26,18 +33,13 @@ NONE_OF_THESE: Final = "none of these"
 FEWEST: Final = 3
 """Minimum number of tests or records of a state that is compared."""
 
-_LEAST_SHOWN: Final = 1e-6
 _CACHED_SCATTERS: Final = 1024
-_MOST_NAMED: Final = 3
-_LEAST_SHARE: Final = 0.05
 _TINY: Final = 1e-12
 
 
 class JudgedFigure(NamedTuple):
     """A model-free figure of a test, and its prior scatter."""
 
-    label: str
-    """Displayed name."""
     between_days: float
     """Prior median of the standard deviation between days [-]; for a level, relative to the largest
     healthy level."""
@@ -61,7 +63,7 @@ class Change(NamedTuple):
     name: str
     """Name of the figure."""
     figure: JudgedFigure
-    """Label and prior scatter of the figure."""
+    """Kind and prior scatter of the figure."""
     test: SingleTest
     """Value of the figure, and its prediction from the healthy tests."""
     probability: float
@@ -80,29 +82,30 @@ class Change(NamedTuple):
         return self.test.prediction.smallest_change(self.limit, POWER)
 
     @property
-    def change_text(self) -> str:
-        """Change of the figure as text, with sign and unit."""
-        return self._text(self.test.change, "+")
+    def departed(self) -> DepartedFigure:
+        """The figure as a departed figure."""
+        if self.figure.is_logarithm:
+            return DepartedFigure(self.name, math.exp(self.test.change))
+        ratio = self.test.value / self.healthy if self.healthy > 0.0 else math.nan
+        return DepartedFigure(self.name, ratio, self.test.value, self.healthy)
 
     @property
-    def smallest_text(self) -> str:
-        """Smallest detectable change as text, with its unit."""
-        return self._text(self.smallest_change)
+    def _has_ratio(self) -> bool:
+        return self.figure.is_logarithm or self.healthy > 0.0
 
-    def _text(self, change: float, sign: str = "") -> str:
+    def _shown(self, change: float) -> float:
+        """Return a change relative to a positive healthy value [-], else in A."""
         if self.figure.is_logarithm:
-            return f"{100.0 * math.expm1(change):{sign}.0f} %"
-        if self.healthy > 0.0:
-            return f"{100.0 * change / self.healthy:{sign}.0f} %"
-        return f"{change:{sign}.3g} A"
+            return math.expm1(change)
+        return change / self.healthy if self._has_ratio else change
 
-    def __str__(self) -> str:
-        if self.figure.is_logarithm:
-            times = math.exp(self.test.change)
-            return f"{self.figure.label} is {times:.3g} times the healthy value"
-        levels = f"is {self.test.value:.3g} A, healthy {self.healthy:.3g} A"
-        share = f" ({self.change_text})" if self.healthy > 0.0 else ""
-        return f"{self.figure.label} {levels}{share}"
+    def would_depart(self, smallest_change: float) -> WouldDepart:
+        """Return the reason that the figure would depart on a day with healthy tests.
+
+        ``smallest_change`` is the smallest change that departs on the day of the test.
+        """
+        shown = self._shown(self.test.change), self._shown(smallest_change)
+        return WouldDepart(self.name, *shown, self._has_ratio)
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ class Departure:
     states: Mapping[str, float] = field(default_factory=dict)
     """Probabilities of the labelled states and of ``NONE_OF_THESE``, the largest first; empty if no
     states are compared."""
-    unnamed: str = ""
+    unnamed: StateUnnamed | None = None
     """Reason why ``states`` is empty although the unit has labelled states."""
     significance: float = SIGNIFICANCE
     """Probability below which the test departs."""
@@ -136,29 +139,17 @@ class Departure:
         return next(iter(self.states), HEALTHY) not in (HEALTHY, NONE_OF_THESE)
 
     @property
-    def likeness(self) -> str:
-        """Sentence with the probable states, or the reason why no state is named."""
-        probable = [
-            f"{name} ({share:.0%})" for name, share in self.states.items() if share >= _LEAST_SHARE
-        ]
-        if not probable:
+    def likeness(self) -> LabelledState | StateUnnamed | None:
+        """The probable states, or the reason why no state is named; None without labels."""
+        if not self.states:
             return self.unnamed
-        verb = "state is" if len(probable) == 1 else "states are"
-        return f"the most probable labelled {verb} {', '.join(probable)}".replace("%)", " %)")
+        return LabelledState(tuple(StateProbability(*item) for item in self.states.items()))
 
     @property
     def reason(self) -> FiguresDeparted:
         """Reason for the verdict: the figures depart, and no fault explains the departure."""
-        return FiguresDeparted(
-            tuple(change.name for change in self.changes), self.probability, str(self)
-        )
-
-    def __str__(self) -> str:
-        if not self.is_significant:
-            return "no figure departs"
-        named = "; ".join(map(str, self.changes[:_MOST_NAMED]))
-        words = f"departed ({_share(self.probability)} differs as much): {named}"
-        return "; ".join(filter(None, [words, self.likeness]))
+        departed = tuple(change.departed for change in self.changes)
+        return FiguresDeparted(departed, self.probability)
 
 
 def departure_of(
@@ -203,14 +194,7 @@ def departure_of(
     if first.probability >= limit:
         return departure
     on_its_day = next(change for change in changes if change.name == first.name)
-    return replace(
-        departure,
-        would_depart=WouldDepart(
-            first.name,
-            f"{first.figure.label} differs by {first.change_text}; on a day without healthy "
-            f"tests, changes above {on_its_day.smallest_text} would show",
-        ),
-    )
+    return replace(departure, would_depart=first.would_depart(on_its_day.smallest_change))
 
 
 def _departure(changes: Sequence[Change], significance: float) -> Departure:
@@ -261,10 +245,3 @@ def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
 def _largest_level(healthy: Sequence[DatedFigures], figures: Mapping[str, JudgedFigure]) -> float:
     levels = (name for name, figure in figures.items() if not figure.is_logarithm)
     return max(abs(float(np.mean([test.values[name] for test in healthy]))) for name in levels)
-
-
-def _share(probability: float) -> str:
-    """Return a probability as "1 in ... healthy tests"."""
-    least = max(probability, _LEAST_SHOWN)
-    number = float(f"{1.0 / least:.2g}")
-    return f"{'at most ' if probability < least else ''}1 in {number:,.0f} healthy tests"

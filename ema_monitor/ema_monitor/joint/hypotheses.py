@@ -7,7 +7,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
+from ema_monitor.quantities import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
 
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
 """Quantity of each coefficient, in the order of ``COEFFICIENTS``."""

@@ -14,6 +14,7 @@ from scipy.special import stdtr
 from scipy.stats import multivariate_t
 
 from ema_core.arrays import Array
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.moves import Move
 from ema_monitor.joint.departure import FEWEST, DatedFigures, Departure, JudgedFigure, departure_of
 from ema_monitor.joint.record import NS_A_DAY
@@ -37,14 +38,14 @@ class MoveVerdict:
 
     ratio: float
     """Geometric mean of the ratios of the figures to their healthy values [-]."""
-    level: str
+    level: int
     """OK, WARN if the move departs, ERROR above the limit, or STALE for a reference move."""
-    departure: Departure | None
+    departure: Departure | None = None
     """Departure from the reference moves; None for a reference move."""
-    life_days: tuple[float, float, float] | None
+    life_days: tuple[float, float, float] | None = None
     """5, 50 and 95 % quantiles of the time to the limit [d]; None without a prediction."""
-    reason: str
-    """Reason for the level."""
+    missing: int = 0
+    """Number of reference moves that are missing after a reference move."""
 
     @property
     def probability(self) -> float:
@@ -101,8 +102,7 @@ class MoveSeries:
             self._healthy.append(DatedFigures(move.stamp_ns // NS_A_DAY, logs))
             missing = self._reference - len(self._healthy)
             self._course.append((day, 1.0))
-            reason = f"reference; {missing} more needed" if missing else "reference"
-            return MoveVerdict(1.0, "STALE", None, None, reason)
+            return MoveVerdict(1.0, STALE, missing=missing)
         names = [name for name in logs if all(name in move.values for move in self._healthy)]
         if not names:
             raise ValueError("the move shares no figure with the reference moves")
@@ -115,15 +115,13 @@ class MoveSeries:
             DatedFigures(day, _with_index(values, names))
             for day, values in ((move.stamp_ns // NS_A_DAY, logs), *self._healthy)
         )
-        figures = {name: JudgedFigure(name, _BETWEEN_DAYS) for name in (*names, INDEX)}
+        figures = {name: JudgedFigure(_BETWEEN_DAYS) for name in (*names, INDEX)}
         departure = departure_of(tested, tests, figures, _SIGNIFICANCE)
         if ratio >= self._limit:
-            reason = f"{ratio:.2f} times healthy: the limit of {self._limit:g} is exceeded"
-            return MoveVerdict(ratio, "ERROR", departure, None, reason)
-        level = "WARN" if departure.is_significant else "OK"
+            return MoveVerdict(ratio, ERROR, departure)
+        level = WARN if departure.is_significant else OK
         life = self._life() if departure.is_significant else None
-        reason = str(departure.changes[0]) if departure.changes else str(departure)
-        return MoveVerdict(ratio, level, departure, life, reason)
+        return MoveVerdict(ratio, level, departure, life)
 
     def _life(self) -> tuple[float, float, float] | None:
         """Return quantiles of the time to the limit [d], or None without a significant rise.

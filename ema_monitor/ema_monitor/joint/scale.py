@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.comparison import FRICTION, INERTIA
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.shape import DRY
 from ema_monitor.joint.shape import INERTIA as INERTIA_AT
+from ema_monitor.quantities import FRICTION, INERTIA
 
 _WRONG_UNIT: Final = 5.0
 """Ratio of friction and inertia to healthy above which the unit of the effort differs [-]."""

@@ -23,8 +23,8 @@ _NOVEL: Final = 1e-3
 _SHRINKAGE: Final = 0.05
 _BETWEEN: Final = 0.03
 _OF_RECORDS: Final = {
-    **{name: JudgedFigure(name.replace("_", " "), _BETWEEN, is_logarithm=False) for name in LEVELS},
-    **{name: JudgedFigure(name.replace("_", " "), _BETWEEN) for name in LOGARITHMS},
+    **dict.fromkeys(LEVELS, JudgedFigure(_BETWEEN, is_logarithm=False)),
+    **dict.fromkeys(LOGARITHMS, JudgedFigure(_BETWEEN)),
 }
 
 

@@ -9,12 +9,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_monitor.joint.baseline import SHARE_OF_SHOWN, Baseline
-from ema_monitor.joint.comparison import PLAY, TRACKING, FigureChange, Judgement, QuantityChange
+from ema_monitor.joint.comparison import FigureChange, Judgement, QuantityChange
 from ema_monitor.joint.figures import FIGURES, OF_EFFORT
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.shape import DRY
 from ema_monitor.joint.single import Observation, SingleTest, are_finite, scatter_of
+from ema_monitor.quantities import PLAY, TRACKING
+from ema_monitor.reasons import QuantityUnjudged, Unjudged
 
 _PLAY_BETWEEN: Final = 0.05
 _LAG_BETWEEN: Final = 0.03
@@ -23,13 +25,6 @@ _WIND_UP: Final = 2.0
 _VISIBLE: Final = 3.0
 _LIKE_MOTION: Final = 0.14
 _ERROR_OF_MOTION: Final = 2.0
-_NO_MOTOR_SIDE: Final = (
-    "it needs the speed of the motor, the position of the joint and several reversals"
-)
-_NO_PLAY: Final = (
-    "no play is visible in the healthy records: both sensors are on one side, or a constant load "
-    "closes the play"
-)
 
 
 class _Healthy(NamedTuple):
@@ -44,6 +39,11 @@ class Symptom(NamedTuple):
 
     change: QuantityChange
     probability: float = 1.0
+
+
+def _unjudged(name: str, cause: Unjudged) -> Symptom:
+    reasons = (QuantityUnjudged(cause),)
+    return Symptom(QuantityChange(name, Judgement.NOT_JUDGED, reasons=reasons))
 
 
 class Symptoms(NamedTuple):
@@ -70,18 +70,14 @@ class SymptomComparer:
         is not judged if a load on one side closes it.
         """
         healthy = self._play
-        reason = ""
-        if isinstance(healthy, str):
-            reason = healthy
-        elif not are_finite(record.lost_motion, record.lost_motion_sigma):
-            reason = "too few reversals, or no measured speed"
-        if reason or isinstance(healthy, str):
-            return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
+        if isinstance(healthy, Unjudged):
+            return _unjudged(PLAY, healthy)
+        if not are_finite(record.lost_motion, record.lost_motion_sigma):
+            return _unjudged(PLAY, Unjudged.FEW_REVERSALS)
         observed = Observation(record.lost_motion, record.lost_motion_sigma, record.day_to_predict)
         test = SingleTest.of(observed, healthy.scatter)
         if test.change < 0.0 and test.is_significant:
-            closed = "a load closes the play"
-            return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=closed))
+            return _unjudged(PLAY, Unjudged.PLAY_CLOSED)
         friction = record.values[DRY] / self.baseline.healthy[DRY]
         wind_up = healthy.mean * max(friction - 1.0, 0.0)
         rest = test.less(_WIND_UP * wind_up)
@@ -101,8 +97,7 @@ class SymptomComparer:
         """Return the change of the tracking lag."""
         healthy = self._tracking
         if healthy is None or not are_finite(record.lag_s, record.lag_sigma):
-            reason = self._no_tracking(record)
-            return Symptom(QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason))
+            return _unjudged(TRACKING, self._no_tracking(record))
         test = SingleTest.of(
             Observation(record.lag_s, record.lag_sigma, record.day_to_predict), healthy.scatter
         )
@@ -118,15 +113,15 @@ class SymptomComparer:
         )
         return Symptom(change, test.probability if is_changed else 1.0)
 
-    def _no_tracking(self, record: JointRecord) -> str:
-        """Return the reason why the tracking lag of a record is not judged."""
+    def _no_tracking(self, record: JointRecord) -> Unjudged:
+        """Return the cause why the tracking lag of a record is not judged."""
         if math.isinf(record.lag_sigma):
-            return "the position command does not move enough"
+            return Unjudged.COMMAND_STILL
         if not are_finite(record.lag_s):
-            return "there is no position command"
+            return Unjudged.NO_COMMAND
         if any(math.isinf(healthy.lag_sigma) for healthy in self.baseline.records):
-            return "the position command of the healthy records does not move enough"
-        return "the healthy records have no position command"
+            return Unjudged.HEALTHY_COMMAND_STILL
+        return Unjudged.NO_HEALTHY_COMMAND
 
     def figures(self, record: JointRecord, grown: float) -> Symptoms:
         """Return the model-free figures that differ from the healthy records.
@@ -161,20 +156,20 @@ class SymptomComparer:
         return Symptoms(tuple(sorted(changes, key=lambda change: change.probability)), least)
 
     @cached_property
-    def _play(self) -> _Healthy | str:
-        """Lost motion in the healthy records [rad], or the reason why play is not judged."""
+    def _play(self) -> _Healthy | Unjudged:
+        """Lost motion in the healthy records [rad], or the cause why play is not judged."""
         observed = [
             Observation(record.lost_motion, record.lost_motion_sigma, record.day)
             for record in self.baseline.records
             if are_finite(record.lost_motion, record.lost_motion_sigma)
         ]
         if not observed:
-            return _NO_MOTOR_SIDE
+            return Unjudged.NO_MOTOR_SIDE
         values = np.array([observation.value for observation in observed])
         mean = float(np.mean(values))
         error = np.mean([observation.sigma for observation in observed])
         if mean < _VISIBLE * (np.std(values) + error):
-            return _NO_PLAY
+            return Unjudged.PLAY_INVISIBLE
         return _Healthy(mean, scatter_of(observed, _PLAY_BETWEEN * mean))
 
     @cached_property

@@ -27,6 +27,7 @@ from ema_monitor.joint.window_figures import (
     mean_of,
     row_of,
 )
+from ema_monitor.reasons import OtherLoad, OtherMotion, StateUnnamed, TooFewHealthy, TooFewLabelled
 
 _REPEATED: Final = 0.5
 _SAME_LOAD: Final = 0.05
@@ -163,12 +164,12 @@ class WindowBaseline:
         """
         if not self._repeats_motions:
             return None
-        judgements: list[Departure | str] = []
+        judgements: list[Departure | StateUnnamed] = []
         for group in _by_motion(windows):
             motion = group[0].motion
             healthy = self._like(motion)
             if len(healthy) < FEWEST:
-                judgements.append(f"no healthy window has the motion {motion}")
+                judgements.append(OtherMotion(motion.travel, motion.speed, motion.sample_period))
                 continue
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             by_load: dict[int, list[WindowFigures]] = {}
@@ -191,12 +192,11 @@ class WindowBaseline:
         has_labels = len(self.healthy) < len(self.windows)
         departures = [item for item in judgements if isinstance(item, Departure)]
         if not departures:
-            reasons = [f"no state is named: {reason}" for reason in judgements if has_labels]
-            return Departure(1.0, unnamed=reasons[0]) if reasons else None
+            reasons = [item for item in judgements if not isinstance(item, Departure)]
+            return Departure(1.0, unnamed=reasons[0]) if has_labels and reasons else None
         worst = min(departures, key=lambda departure: departure.probability)
         if has_labels and not (worst.states or worst.unnamed):
-            words = f"no labelled state has {FEWEST} tests of this motion and load"
-            worst = replace(worst, unnamed=f"no state is named: {words}")
+            worst = replace(worst, unnamed=TooFewLabelled(FEWEST))
         return replace(worst, probability=min(1.0, len(departures) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
@@ -228,13 +228,13 @@ def _judged(
     healthy: Sequence[ReferenceWindow],
     labelled: Sequence[ReferenceWindow],
     running: float,
-) -> Departure | str:
+) -> Departure | TooFewHealthy:
     """Return the departure of windows from comparable healthy windows.
 
     If they cannot be compared, the reason is returned. ``running`` is the current in motion [A].
     """
     if len(healthy) < FEWEST:
-        return f"the load has fewer than {FEWEST} healthy windows"
+        return TooFewHealthy(FEWEST)
     tested = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
     load = _load(tested.values)
     size = min(len(windows), len(healthy) // FEWEST)
@@ -247,8 +247,7 @@ def _judged(
     if len(by_state) < 2:
         return departure
     if (distance := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
-        words = f"the load is new, {distance:.2g} A from the healthy and labelled windows"
-        return replace(departure, unnamed=f"no state is named: {words}")
+        return replace(departure, unnamed=OtherLoad(distance))
     return replace(departure, states=probabilities(by_state, tested, WINDOW_FIGURES))
 
 

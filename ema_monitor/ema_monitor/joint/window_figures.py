@@ -28,28 +28,23 @@ _ERROR_OF_LEVEL: Final = 0.007
 _ERROR_OF_RATIO: Final = 0.05
 
 
-def _level(label: str) -> JudgedFigure:
-    return JudgedFigure(label, 0.01, is_logarithm=False, error=_ERROR_OF_LEVEL)
-
-
-def _ratio(label: str) -> JudgedFigure:
-    return JudgedFigure(label, 0.024, error=_ERROR_OF_RATIO)
-
+_LEVEL: Final = JudgedFigure(0.01, is_logarithm=False, error=_ERROR_OF_LEVEL)
+_RATIO: Final = JudgedFigure(0.024, error=_ERROR_OF_RATIO)
 
 WINDOW_FIGURES: Final = {
-    "rest_current": _level("current at rest"),
+    "rest_current": _LEVEL,
     **{
-        f"{name}_{direction}": kind(f"{label} in the {direction} stroke")
+        f"{name}_{direction}": kind
         for direction in ("forward", "backward")
-        for name, kind, label in (
-            ("current", _level, "current"),
-            ("current_scatter", _ratio, "scatter of the current"),
-            ("current_roughness", _ratio, "roughness of the current"),
-            ("error_scatter", _ratio, "scatter of the tracking error"),
-            ("error_roughness", _ratio, "roughness of the tracking error"),
+        for name, kind in (
+            ("current", _LEVEL),
+            ("current_scatter", _RATIO),
+            ("current_roughness", _RATIO),
+            ("error_scatter", _RATIO),
+            ("error_roughness", _RATIO),
         )
     },
-    "friction_current": _level("mean current of both strokes"),
+    "friction_current": _LEVEL,
 }
 """Figures of a window, by name; scatter and roughness are logarithms."""
 

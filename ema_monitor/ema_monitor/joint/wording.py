@@ -8,17 +8,10 @@ from typing import Final
 from ema_core.wording import text_table
 from ema_monitor.joint.baseline import Baseline, Shortcoming
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import (
-    FRICTION,
-    FRICTION_OVER_INERTIA,
-    INERTIA,
-    QUANTITIES,
-    TORQUE,
-    Comparison,
-    FigureChange,
-    Judgement,
-    QuantityChange,
-)
+from ema_monitor.joint.comparison import Comparison, FigureChange, Judgement, QuantityChange
+from ema_monitor.quantities import FRICTION, FRICTION_OVER_INERTIA, INERTIA, QUANTITIES, TORQUE
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import Reason
 
 HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Column headings of ``rows``."""
@@ -65,8 +58,8 @@ def finding(comparison: Comparison) -> str:
     If nothing has changed, the smallest detectable change of friction is stated.
     """
     if not comparison.judged and not comparison.figures:
-        reasons = dict.fromkeys(item.reason for item in comparison.quantities if item.reason)
-        return "No quantity could be judged" + (f": {'; '.join(reasons)}" if reasons else "")
+        reasons = dict.fromkeys(reason for item in comparison.quantities for reason in item.reasons)
+        return "No quantity could be judged" + (f": {joined(reasons)}" if reasons else "")
     departed = [*_changes(comparison), *_figures(comparison.figures)]
     parts = [*departed, *map(_doubt_sentence, comparison.doubtful)]
     if not parts:
@@ -286,13 +279,13 @@ def _not_judged(comparison: Comparison) -> list[str]:
 
     Rivals of a changed quantity are omitted. The list is empty if there are no such quantities.
     """
-    by_reason: dict[str, list[str]] = {}
+    by_reason: dict[tuple[Reason, ...], list[str]] = {}
     for item in comparison.quantities:
         if not item.is_judged and not item.rivals:
-            by_reason.setdefault(item.reason, []).append(label_of(item.name))
+            by_reason.setdefault(item.reasons, []).append(label_of(item.name))
     if not by_reason or not comparison.judged:
         return []
-    groups = [(reason, _joined(labels, "and")) for reason, labels in by_reason.items()]
+    groups = [(joined(reasons), _joined(labels, "and")) for reasons, labels in by_reason.items()]
     texts = [f"{labels} ({reason})" if reason else labels for reason, labels in groups]
     return [f"not judged: {', '.join(texts)}"]
 

@@ -8,10 +8,10 @@ from itertools import islice
 from ema_core.levels import ERROR, OK, STALE
 from ema_monitor.health import warned
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.prognosis.confirmation import confirmed
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.quantities import FRICTION
 
 
 def with_unconfirmed_levels(outlook: Outlook, history: History, confirmations: int) -> Outlook:

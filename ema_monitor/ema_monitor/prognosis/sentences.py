@@ -8,9 +8,9 @@ from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth, Recurrence
-from ema_monitor.joint.comparison import QUANTITIES
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.quantities import QUANTITIES
 
 TREND_HOURS: Final = 1000.0
 """Hours over which growth is displayed [h]."""

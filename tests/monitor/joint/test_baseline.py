@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.figures import SPEED_STEPS
 from ema_monitor.joint.shape import DRY, VISCOUS
+from ema_monitor.quantities import FRICTION
 
 from .baselines import HEALTHY, USUAL_SPEED, baseline_of, record_of
 

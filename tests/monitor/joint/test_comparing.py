@@ -11,7 +11,14 @@ import pytest
 from ema_core.arrays import Array
 from ema_monitor.joint.baseline import BETWEEN_DAYS, Shortcoming
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import (
+from ema_monitor.joint.comparison import Comparison, Judgement
+from ema_monitor.joint.record import JointRecord
+from ema_monitor.joint.shape import DRY, Shape
+from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
+from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
+from ema_monitor.joint.shape import LOAD as LOAD_COLUMN
+from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
+from ema_monitor.quantities import (
     FRICTION,
     FRICTION_OVER_INERTIA,
     GRAVITY,
@@ -22,15 +29,7 @@ from ema_monitor.joint.comparison import (
     TORQUE,
     TRACKING,
     VISCOUS,
-    Comparison,
-    Judgement,
 )
-from ema_monitor.joint.record import JointRecord
-from ema_monitor.joint.shape import DRY, Shape
-from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
-from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
-from ema_monitor.joint.shape import LOAD as LOAD_COLUMN
-from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
 
 from .baselines import (
     HEALTHY,

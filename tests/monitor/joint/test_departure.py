@@ -6,10 +6,11 @@ import pytest
 
 from ema_monitor.joint.departure import NONE_OF_THESE, DatedFigures, JudgedFigure, departure_of
 from ema_monitor.joint.states import Example, examples_by_state, probabilities
+from ema_monitor.reason_texts import text_of
 
 FIGURES = {
-    "level": JudgedFigure("level", 0.01, is_logarithm=False),
-    **{f"scatter{number}": JudgedFigure(f"scatter {number}", 0.024) for number in range(10)},
+    "level": JudgedFigure(0.01, is_logarithm=False),
+    **{f"scatter{number}": JudgedFigure(0.024) for number in range(10)},
 }
 
 
@@ -46,9 +47,10 @@ def test_departure_names_the_changed_figures_with_their_size():
     found = departure_of(later, healthy, FIGURES)
     assert found.is_significant
     assert [one.name for one in found.changes] == ["level"]
-    assert "level is 1.12 A, healthy 1 A (+11 %)" in str(found)
+    assert "level is 1.12 A, healthy 1 A (+11 %)" in text_of(found.reason)
     louder = later._replace(values={**later.values, "level": 1.0, "scatter3": np.log(1.5)})
-    assert "scatter 3 is 1.5 times the healthy value" in str(departure_of(louder, healthy, FIGURES))
+    found = departure_of(louder, healthy, FIGURES)
+    assert "scatter3 is 1.5 times the healthy value" in text_of(found.reason)
 
 
 def test_equal_healthy_tests_do_not_imply_zero_scatter():
@@ -68,7 +70,7 @@ def test_drift_between_days_is_assumed_at_first_and_learned_from_days():
     assert not found.is_significant
     assert found.would_depart is not None
     words = "level differs by +5 %; on a day without healthy tests, changes above"
-    assert words in found.would_depart.detail
+    assert words in text_of(found.would_depart)
     days = [
         test
         for day, shift in enumerate((0.0, 0.05, -0.05, 0.02))
@@ -107,7 +109,7 @@ def test_too_few_tests_give_no_judgement():
         departure_of(DatedFigures(0, {"other": 1.0}), three, FIGURES)
 
 
-PLANE = {name: JudgedFigure(name, 0.03) for name in "ab"}
+PLANE = {name: JudgedFigure(0.03) for name in "ab"}
 
 
 def at(x, y):

@@ -10,8 +10,9 @@ import yaml
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibrations import load_calibration
 from ema_monitor.identification.joint_estimate import identify_record
-from ema_monitor.joint.comparison import FRICTION, Judgement
+from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.learning import learn
+from ema_monitor.quantities import FRICTION
 
 from .plant import (
     Joint,

@@ -14,16 +14,11 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.joint_calibration import calibrate_joint
 from ema_monitor.diagnosis import identify
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import (
-    FRICTION,
-    FRICTION_OVER_INERTIA,
-    INERTIA,
-    VISCOUS,
-    Judgement,
-)
+from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.joint.shape import DRY
+from ema_monitor.quantities import FRICTION, FRICTION_OVER_INERTIA, INERTIA, VISCOUS
 from ema_monitor.windows.window import Window
 from ema_sim.robot.arm import JOINT_NAMES
 from ema_sim.robot.work import ArmTelemetry, RobotArm, WorkSettings

@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.record import JointRecord
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reason_texts import differences_text, text_of
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of

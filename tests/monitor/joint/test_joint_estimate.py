@@ -11,6 +11,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_NAMES, FRICTION
+from ema_monitor import quantities as of
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.identification.estimate import (
     DEPARTED,
@@ -22,7 +23,6 @@ from ema_monitor.identification.estimate import (
     Estimate,
 )
 from ema_monitor.identification.joint_estimate import comparable_record, identify_record
-from ema_monitor.joint import comparison as of
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.wording import finding

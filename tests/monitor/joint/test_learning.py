@@ -9,14 +9,15 @@ import pytest
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparing import Comparer
-from ema_monitor.joint.comparison import FRICTION, FRICTION_OVER_INERTIA, Judgement
-from ema_monitor.joint.comparison import GRAVITY as GRAVITY_TORQUE
-from ema_monitor.joint.comparison import INERTIA as INERTIA_OF_JOINT
-from ema_monitor.joint.comparison import VISCOUS as VISCOUS_FRICTION
+from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.learning import learn
 from ema_monitor.joint.record import JointRecord, read_record
 from ema_monitor.joint.shape import DRY, GRAVITY, INERTIA, LOAD, VISCOUS
 from ema_monitor.joint.wording import baseline_sentences
+from ema_monitor.quantities import FRICTION, FRICTION_OVER_INERTIA
+from ema_monitor.quantities import GRAVITY as GRAVITY_TORQUE
+from ema_monitor.quantities import INERTIA as INERTIA_OF_JOINT
+from ema_monitor.quantities import VISCOUS as VISCOUS_FRICTION
 
 from .plant import (
     EXACT,

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.joint.comparison import FRICTION, INERTIA, TORQUE
 from ema_monitor.joint.outliers import FEWEST, outliers
+from ema_monitor.quantities import FRICTION, INERTIA, TORQUE
 
 from .baselines import baseline_of, changed
 

@@ -18,10 +18,10 @@ from ema_monitor.calibration.joint_calibration import JointCalibration, calibrat
 from ema_monitor.calibrations import load_calibration
 from ema_monitor.diagnosis import identify
 from ema_monitor.joint.baseline import Shortcoming
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.joint.signals import block_means
 from ema_monitor.joint.wording import friction_advice
+from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import PayloadMissing, TooFewStrokes
 from ema_monitor.windows.window import Window
 from ema_sim.robot.arm import JOINT_NAMES

@@ -10,8 +10,8 @@ from ema_core.repetition import between_renewals, held_samples, irregular_update
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.identification.estimate import DEPARTED, REFUSED
 from ema_monitor.identification.joint_estimate import comparable_record, identify_record
-from ema_monitor.joint.comparison import FRICTION, TRACKING
 from ema_monitor.joint.renewal import renewed
+from ema_monitor.quantities import FRICTION, TRACKING
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
 

@@ -9,9 +9,9 @@ import pytest
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.identification.joint_estimate import identify_record
-from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.signals import cutoff_of, motion_band
 from ema_monitor.joint.spikes import despiked
+from ema_monitor.quantities import FRICTION
 
 from .plant import (
     EXACT,

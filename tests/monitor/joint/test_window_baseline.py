@@ -11,6 +11,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.joint.window_figures import figures_of
+from ema_monitor.reason_texts import text_of
 
 from .test_window_figures import slide
 
@@ -118,8 +119,9 @@ def test_departure_that_may_be_due_to_the_day_is_stated(healthy):
     assert next_day
     assert (same.is_significant, same.would_depart) == (True, None)
     assert not next_day.is_significant
+    assert next_day.would_depart
     words = "current in the forward stroke differs by +4 %; on a day without healthy tests, changes"
-    assert words in next_day.would_depart.detail
+    assert words in text_of(next_day.would_depart)
 
 
 def later(stamp_ns: int, *, state: str = "", **changes):
@@ -147,9 +149,10 @@ def test_departure_resembles_a_labelled_state(healthy):
     assert known.states() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
     for state in ("dry 1", "dry 2"):
         assert next(iter(states_of(known, later(50, state=state)))) == state
-        assert f"the most probable labelled state is {state} (" in str(
-            known.departure(50, figures_of(later(50, state=state)))
-        )
+        departure = known.departure(50, figures_of(later(50, state=state)))
+        assert departure
+        assert departure.likeness
+        assert f"the most probable labelled state is {state} (" in text_of(departure.likeness)
     assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
     assert next(iter(states_of(known, later(50)))) == HEALTHY
     faster = later(50, state="dry 1")
@@ -162,7 +165,8 @@ def test_departure_resembles_a_labelled_state(healthy):
     ):
         found = known.departure(50, figures_of(strange))
         assert found
-        assert (found.states, words in found.likeness) == ({}, True)
+        assert found.likeness
+        assert (found.states, words in text_of(found.likeness)) == ({}, True)
     assert list(known.without("dry 1").states()) == [HEALTHY, "dry 2"]
     assert healthy.with_labels_of(known) == known
     # A figure of the labelled tests may be missing.

@@ -10,9 +10,10 @@ from ema_core.quantity import is_finite_number
 from ema_core.wording import beside_limit
 from ema_interfaces.msg import TelemetryStatus
 from ema_monitor.health import FaultHealth
-from ema_monitor.joint.comparison import FAULTS_OF_RECORDS, Comparison
+from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.quantities import FAULTS_OF_RECORDS
 from ema_ros.status import (
     CHECK_FUNCTION,
     DIAGNOSTICS_ACTIVE,
