@@ -9,7 +9,7 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 class OnlyContract(Contract):
-    """``modules`` may import only themselves, ``allowed`` and the standard library.
+    """Contract that ``modules`` import only themselves, ``allowed`` and the standard library.
 
     An item of ``allowed`` is a package including its submodules, or a single module.
 
@@ -48,7 +48,7 @@ class OnlyContract(Contract):
 
 
 class ContainersContract(Contract):
-    """No module imports a package that contains it.
+    """Contract that no module imports a package that contains the module.
 
     Together with a ban on cycles between siblings, this excludes all import cycles.
     """

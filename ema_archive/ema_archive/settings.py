@@ -29,7 +29,7 @@ def estimation_software() -> str:
 
 @cache
 def prognosis_software() -> str:
-    """Return a digest of the additional source code that health and life depend on."""
+    """Return a digest of all source code that health and life depend on."""
     return source_digest(["ema_archive.unit_task"])
 
 

@@ -25,7 +25,7 @@ _REFERENCES: Final = {
 
 
 def question(column: str, mistake: Mistake, reference: Reference) -> str:
-    """Return a question asking the user whether a column has a given mistake."""
+    """Return a question to the user, whether a column has a certain mistake."""
     match mistake.kind:
         case Kind.SIGN:
             return "is its sign reversed?"
@@ -50,7 +50,7 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
 
 
 def questions(error: ColumnError) -> str:
-    """Return a question asking whether a column has its likely mistakes; "" if there are none."""
+    """Return a question about the likely mistakes of a column, or "" if there are none."""
     parts = [question(error.columns[0], item, error.reference) for item in error.mistakes]
     return ", and ".join(text.rstrip("?") for text in parts) + "?" * bool(parts)
 

@@ -26,7 +26,7 @@ class _Solution(Protocol):
 
 
 class _Constant:
-    """No growth."""
+    """Law without growth: x is constant."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         return np.zeros(np.broadcast(x, rate, shape, u).shape)
@@ -36,7 +36,7 @@ class _Constant:
 
 
 class _Linear:
-    """dx/du = a; also the mean of a Wiener process with drift a."""
+    """Law dx/du = a, which is also the mean of a Wiener process with drift a."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         return rate * u + np.zeros(np.broadcast(x, shape).shape)
@@ -46,7 +46,7 @@ class _Linear:
 
 
 class _Exponential:
-    """dx/du = a (x + x_0)."""
+    """Law dx/du = a (x + x_0)."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         return (x + shape) * np.expm1(np.minimum(rate * u, _LARGEST))
@@ -56,7 +56,7 @@ class _Exponential:
 
 
 class _Archard:
-    """dx/du = a (1 + b x)."""
+    """Law dx/du = a (1 + b x)."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         grown = (1.0 / shape + x) * np.expm1(np.minimum(rate * shape * u, _LARGEST))
@@ -68,7 +68,7 @@ class _Archard:
 
 
 class _SelfHeating:
-    """dx/du = a exp(b x), which diverges after the time 1 / (a b exp(b x))."""
+    """Law dx/du = a exp(b x). From x, it diverges after the time 1 / (a b exp(b x))."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         spent = rate * shape * u * np.exp(np.minimum(shape * x, _LARGEST))
@@ -81,7 +81,7 @@ class _SelfHeating:
 
 
 class _Power:
-    """x = (u / c)^p, where the rate is the time scale c."""
+    """Law x = (u / c)^p; ``rate`` is the time scale c."""
 
     def increment(self, x: Any, rate: Any, shape: Any, u: Any) -> Any:
         age = x ** (1.0 / shape) + u / rate

@@ -48,7 +48,7 @@ _FLOAT64_BYTES: Final = 8
 
 
 class Vector(types.Type):
-    """A float64 in every lane."""
+    """Type of a vector with a float64 in each lane."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Vector({LANES})")
@@ -59,7 +59,7 @@ class Vector(types.Type):
 
 
 class Mask(types.Type):
-    """True or false in every lane."""
+    """Type of a vector with a boolean in each lane, the result of a comparison."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask({LANES})")

@@ -212,7 +212,7 @@ def _draw_courses(axes: Axes, runs: pd.DataFrame) -> None:
 
 
 def tidy(*panels: Axes) -> None:
-    """Keep only the left and bottom frame, and a faint grid."""
+    """Remove the top and right spines of panels, and add a faint grid."""
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="0.5", alpha=0.2, lw=0.6)

@@ -192,7 +192,7 @@ def _fault_summary(number: int, sources: Sources) -> StudyTable:
 
 
 def _overview(number: int, sources: Sources) -> StudyTable:
-    """Return mean errors or times by algorithm, level and fault."""
+    """Return table 58 or 59: mean errors or times for each algorithm, level and fault."""
     quantity = OVERVIEWS[number]
     blocks = {PRINTED: printed_table(f"table_{number}")}
     blocks |= {label: overview_of(runs, quantity) for label, runs in sources.items()}
@@ -213,7 +213,7 @@ def _single_fault_reliability(sources: Sources) -> StudyTable:
 
 
 def _multiple_fault_reliability(sources: Sources) -> StudyTable:
-    """Return table 61 as the thesis computed it, and from each of its two studies alone."""
+    """Return table 61 as computed in the thesis, and computed from each of the two studies."""
     blocks = {PRINTED: printed_table("table_61")}
     for label, runs in sources.items():
         for label_of_tables, times_of, errors_of in (

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of bags for the commands."""
+"""Reading of bags and other recordings for the commands."""

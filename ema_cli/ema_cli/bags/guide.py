@@ -64,9 +64,9 @@ def mapping_of(
         content = yaml.safe_load(mapping_text(guess.mapping))
     for key, value in is_set.items():
         section, _, entry = key.rpartition(".")
-        place = content.setdefault(section, {}) if section else content
-        place[entry] = value if entry == "source" else value_of(value)
-        if not asks and place[entry] == "-":
+        target = content.setdefault(section, {}) if section else content
+        target[entry] = value if entry == "source" else value_of(value)
+        if not asks and target[entry] == "-":
             del content[section]
     while True:
         try:

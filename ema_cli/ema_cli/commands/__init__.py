@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of ``ema``, one module each."""
+"""Commands of ``ema``, with a module for each command."""

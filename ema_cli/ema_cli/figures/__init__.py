@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the commands, in the style of ``ema_monitor.plot``."""
+"""Pictures that commands draw, in the style of ``ema_monitor.plot``."""

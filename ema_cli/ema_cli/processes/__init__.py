@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running of nodes as processes."""
+"""Start, supervision and observation of nodes."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports as one self-contained page."""
+"""Reports as self-contained HTML pages."""
