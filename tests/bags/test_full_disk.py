@@ -112,17 +112,17 @@ def test_recording_continues_when_there_is_room_again(
         disk.room = float("inf")
         wait_for(lambda: bag.failure is None, "the room to be noticed")
         assert all(write(bag, range(1000, 1100)))
-    found = Bag(path)
-    assert numbers_in(found) == [
+    recording = Bag(path)
+    assert numbers_in(recording) == [
         *range(100),
         *itertools.compress(range(100, 1000), kept),
         *range(1000, 1100),
     ]
-    assert found.damage == ""
-    [remark] = found.remarks
+    assert recording.damage == ""
+    [remark] = recording.remarks
     assert remark.startswith(f"gap: {kept.count(False)} messages from 0.")
     assert f"[Errno {error}] no room" in remark
-    assert sum(found.readable_counts().values()) == len(numbers_in(found))
+    assert sum(recording.readable_counts().values()) == len(numbers_in(recording))
 
 
 def test_short_lack_of_room_loses_nothing(disk: Disk, tmp_path: Path):
@@ -132,9 +132,9 @@ def test_short_lack_of_room_loses_nothing(disk: Disk, tmp_path: Path):
         assert all(write(bag, range(50)))
         wait_for(lambda: bag.failure is not None, "the lack of room to be noticed")
         disk.room = float("inf")
-    found = Bag(tmp_path / "flight.mcap")
-    assert numbers_in(found) == list(range(50))
-    assert (found.remarks, bag.gaps) == ([], [])
+    recording = Bag(tmp_path / "flight.mcap")
+    assert numbers_in(recording) == list(range(50))
+    assert (recording.remarks, bag.gaps) == ([], [])
 
 
 def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -152,9 +152,9 @@ def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytes
         bag.flush()
         write(bag, range(500, 700))
         assert bag.file_path.name in ("flight_2.mcap", "flight_3.mcap", "flight_4.mcap")
-    found = Bag(tmp_path / "flight")
-    assert numbers_in(found) == list(range(700))
-    assert found.remarks == []
+    recording = Bag(tmp_path / "flight")
+    assert numbers_in(recording) == list(range(700))
+    assert recording.remarks == []
     names = sorted(path.name for path in (tmp_path / "flight").glob("*.mcap"))
     assert names == [f"flight_{number}.mcap" for number in range(len(names))]
 
@@ -201,13 +201,13 @@ def test_recording_of_a_bag_that_is_removed_continues_in_a_new_file(tmp_path: Pa
     [removed] = bag.removed
     assert removed.startswith("4 messages from 0.000 s to 0.000 s not recorded: ")
     assert "was removed or moved during the recording" in removed
-    found = Bag(path)
-    assert found.damage == ""
-    assert [one.message.data for one in found.messages(["/words"])] == ["after"]
-    [described] = found.messages(["/ema/actuator_description"])
+    recording = Bag(path)
+    assert recording.damage == ""
+    assert [message.message.data for message in recording.messages(["/words"])] == ["after"]
+    [described] = recording.messages(["/ema/actuator_description"])
     assert described.message.actuator_id == "flap"
-    assert found.topics["/words"].count == 1
-    assert found.gaps[0].messages == 4
+    assert recording.topics["/words"].count == 1
+    assert recording.gaps[0].messages == 4
 
 
 def test_removed_bag_without_patience_is_an_error(tmp_path: Path):

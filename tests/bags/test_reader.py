@@ -213,10 +213,10 @@ def test_messages_come_in_the_order_of_their_log_times(path: Path):
 def test_only_requested_topics_are_decoded(path: Path):
     with mcap_writer(path) as writer:
         unknown = writer.register_schema("no_such/msg/Thing", "ros2msg", b"what is this")
-        known = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
+        schema = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
         things = writer.register_channel("/things", "cdr", unknown)
-        texts = writer.register_channel("/texts", "cdr", known)
-        notes = writer.register_channel("/notes", "json", known)
+        texts = writer.register_channel("/texts", "cdr", schema)
+        notes = writer.register_channel("/notes", "json", schema)
         writer.register_channel("/never", "cdr", unknown)
         for channel, data in ((things, b"12345678"), (notes, b"{}")):
             writer.add_message(channel, 1, data, 1)

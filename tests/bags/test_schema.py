@@ -174,9 +174,9 @@ DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample
 
 def older_text() -> str:
     """Return the definition of version 0.1, without acquisition, drive and linear actuators."""
-    own, separator, contained = schema_text(DESCRIPTION_TYPE).partition("\n====")
+    definition_text, separator, contained = schema_text(DESCRIPTION_TYPE).partition("\n====")
     # Without comments, constants and added fields.
-    fields = [line for line in own.splitlines() if line and not line.startswith("#")]
+    fields = [line for line in definition_text.splitlines() if line and not line.startswith("#")]
     kept = [line for line in fields if line.split()[1] not in ADDED and "=" not in line]
     return "\n".join([*kept, ""]) + separator + contained
 
@@ -225,8 +225,8 @@ def test_older_message_is_converted_to_the_installed_type(old_bag: Path):
 def test_older_telemetry_has_no_payload():
     """Before the payload was added, the definition ended with the speed."""
     text = schema_text(TELEMETRY)
-    own, separator, contained = text.partition("\n====")
-    older = own.replace("float64[] payload\n", "") + separator + contained
+    definition_text, separator, contained = text.partition("\n====")
+    older = definition_text.replace("float64[] payload\n", "") + separator + contained
     upgrade = to_installed(TELEMETRY, older, "RIHS01_" + "0" * 64)
     assert upgrade is not None
     store = typestore(TELEMETRY, older)

@@ -34,8 +34,8 @@ def record(tmp_path: Path) -> Iterator[Callable[..., BagRecorder]]:
     """Return a function that begins a recording with given settings, with a topic per type."""
     with ExitStack() as opened:
 
-        def begin(*kinds: type, **given: Any) -> BagRecorder:
-            settings = RecorderSettings(output="flight", **{"snapshot_duration": 1.0, **given})
+        def begin(*kinds: type, **options: Any) -> BagRecorder:
+            settings = RecorderSettings(output="flight", **{"snapshot_duration": 1.0, **options})
             path = str(tmp_path / "flight")
             recording = BagRecorder(path, settings, "/ema/recorder", lambda *_: None)
             opened.callback(recording.bag.close)
@@ -108,8 +108,8 @@ def test_snapshot_begins_with_the_latched_messages_before_it(record, tmp_path: P
         items = Bag(folder / f"flight_{number}.mcap").messages()
         figures = ("first_index", "level")
         return [
-            (one.topic, *(getattr(one.message, k) for k in figures if hasattr(one.message, k)))
-            for one in items
+            (item.topic, *(getattr(item.message, k) for k in figures if hasattr(item.message, k)))
+            for item in items
         ]
 
     description, warning = ("/ActuatorDescription",), ("/Health", WARN)

@@ -65,25 +65,25 @@ def blocks_of(recorded: RecordedTelemetry) -> list[Telemetry | Malformed]:
 
 
 def assert_same(read: Sequence[Telemetry | Malformed], written: list[Telemetry]):
-    for one, other in zip(read, written, strict=True):
-        assert isinstance(one, Telemetry)
-        assert (one.stamp_ns, one.sample_period, one.first_index) == (
-            other.stamp_ns,
-            other.sample_period,
-            other.first_index,
+    for actual, expected in zip(read, written, strict=True):
+        assert isinstance(actual, Telemetry)
+        assert (actual.stamp_ns, actual.sample_period, actual.first_index) == (
+            expected.stamp_ns,
+            expected.sample_period,
+            expected.first_index,
         )
         for name in COLUMNS:
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+            np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name))
 
 
 def test_telemetry_is_read_with_its_description(tmp_path: Path):
     description = ActuatorDescription(actuator_id="flap")
-    other = replace(description, actuator_id="rudder")
+    rudder = replace(description, actuator_id="rudder")
     written = blocks(first_index=2**53 + 1)
     bag = record(
         tmp_path / "flight",
         ("/left/telemetry", "flap", written),
-        descriptions=[description, other, description],
+        descriptions=[description, rudder, description],
     )
     telemetry = read_telemetry(bag)
     assert (telemetry.topic, telemetry.actuator_id) == ("/left/telemetry", "flap")
@@ -180,7 +180,7 @@ def test_impossible_description_is_skipped_and_named_with_its_position(tmp_path:
         writer.write("/description", message, 6, 6)
         writer.write("/telemetry", telemetry_to_message(blocks()[0], "flap"), 7, 6)
     recorded = read_telemetry(Bag(tmp_path / "flight"))
-    assert [one.parameters.tau for one in recorded.descriptions] == [0.002]
+    assert [description.parameters.tau for description in recorded.descriptions] == [0.002]
     assert "topic /description: 1 malformed message skipped" in recorded.bag.damage
     assert "log time 5 ns: invalid description: tau = 0 is outside" in (recorded.bag.damage)
 

@@ -117,15 +117,15 @@ def test_rosbags_reads_all_written_messages(path: Path):
     assert [(topic, at_ns) for topic, _, at_ns in read] == [
         (topic, at_ns) for topic, _, at_ns, _ in written
     ]
-    for (_, other, _), (_, message, *_) in zip(read, written, strict=True):
+    for (_, decoded, _), (_, message, *_) in zip(read, written, strict=True):
         if isinstance(message, TelemetryBlock):
-            assert other.first_index == message.first_index > 2**53
-            assert other.header.stamp.sec == message.header.stamp.sec
-            np.testing.assert_array_equal(other.current, message.current)
-            np.testing.assert_array_equal(other.speed, message.speed)
+            assert decoded.first_index == message.first_index > 2**53
+            assert decoded.header.stamp.sec == message.header.stamp.sec
+            np.testing.assert_array_equal(decoded.current, message.current)
+            np.testing.assert_array_equal(decoded.speed, message.speed)
         else:
-            assert [fault.name for fault in other.faults] == ["backlash", "gain"]
-            assert other.faults[0].rul.hours_50 == message.faults[0].rul.hours_50
+            assert [fault.name for fault in decoded.faults] == ["backlash", "gain"]
+            assert decoded.faults[0].rul.hours_50 == message.faults[0].rul.hours_50
 
 
 def test_records_are_those_of_rosbag2(path: Path):
@@ -394,16 +394,16 @@ def test_files_of_a_split_recording_form_one_recording(tmp_path: Path):
     bag = Bag(folder)
     assert bag.damage == ""
     assert bag.topics["/ema/telemetry"].count == N
-    found = information(folder)
+    metadata = information(folder)
     names = [f"flight_{number}.mcap" for number in range(4)]
-    assert found["relative_file_paths"] == names
-    assert [item["path"] for item in found["files"]] == names
-    assert [item["starting_time"]["nanoseconds_since_epoch"] for item in found["files"]] == [
+    assert metadata["relative_file_paths"] == names
+    assert [item["path"] for item in metadata["files"]] == names
+    assert [item["starting_time"]["nanoseconds_since_epoch"] for item in metadata["files"]] == [
         25 * number * STEP_NS for number in range(4)
     ]
-    assert found["duration"]["nanoseconds"] == (N - 1) * STEP_NS
-    total = sum(item["message_count"] for item in found["files"])
-    assert total == found["message_count"] == sum(topic.count for topic in bag.topics.values())
+    assert metadata["duration"]["nanoseconds"] == (N - 1) * STEP_NS
+    total = sum(item["message_count"] for item in metadata["files"])
+    assert total == metadata["message_count"] == sum(topic.count for topic in bag.topics.values())
     with AnyReader([folder]) as reader:
         assert reader.message_count == total
         for connection, _, data in reader.messages():

@@ -27,10 +27,10 @@ def test_from_simulation_to_estimate(acquisition: Acquisition, tmp_path: Path, e
     assert ema("simulate", *options, *fault, "-o", case).exit_code == 0
     [description] = read_telemetry(Bag(case)).descriptions
     assert description.acquisition == acquisition
-    found = ema("estimate", case, "--calibration", unit)
-    assert found.exit_code == 0
-    assert "friction" in found.output
-    assert ("not measured" in found.output) == (acquisition.current == "none")
+    estimated = ema("estimate", case, "--calibration", unit)
+    assert estimated.exit_code == 0
+    assert "friction" in estimated.output
+    assert ("not measured" in estimated.output) == (acquisition.current == "none")
     assert ema("info", case).exit_code == 0
     assert ema("plot", case, "-o", tmp_path / "case.png").exit_code == 0
     picture = tmp_path / "window.png"

@@ -87,5 +87,7 @@ def test_default_folder_follows_ros_home(monkeypatch: pytest.MonkeyPatch, tmp_pa
 @pytest.mark.slow
 def test_without_a_monitor_the_default_folder_is_read(ema: Ema, tmp_path: Path):
     learned(tmp_path / "ema" / "baselines", 3)
-    found = subprocess.run(["ema", "baseline", "list"], capture_output=True, text=True, check=True)
-    assert "elbow/1" in found.stdout
+    listing = subprocess.run(
+        ["ema", "baseline", "list"], capture_output=True, text=True, check=True
+    )
+    assert "elbow/1" in listing.stdout

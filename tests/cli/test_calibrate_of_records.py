@@ -39,8 +39,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("records")
     (path / "mapping.yaml").write_text(MAPPING)
     (path / "actuator.yaml").write_text(ACTUATOR)
-    for number, one in enumerate(healthy_telemetry(days=2, a_day=3)):
-        write(one, path / f"healthy_{number}.csv")
+    for number, telemetry in enumerate(healthy_telemetry(days=2, a_day=3)):
+        write(telemetry, path / f"healthy_{number}.csv")
     worn = Joint().times(coulomb=1.31)
     record = telemetry_of(worn, tones(), Sensors(), seed=5, day=1, second=500)
     write(record, path / "healthy_6.csv")

@@ -14,9 +14,9 @@ def test_certificate_shows_every_fault_and_names_those_that_miss_the_requirement
     assert result.exit_code == 3
     certificate = json.loads(result.stdout)
     assert certificate["unmet"][0].startswith("friction has sigma 0.00")
-    assert [one["name"] for one in certificate["faults"]] == list(COMPONENTS)
-    assert all(one["shown"] for one in certificate["faults"])
-    namings = {one["name"]: (one["naming"], one["meaning"]) for one in certificate["causes"]}
+    assert [item["name"] for item in certificate["faults"]] == list(COMPONENTS)
+    assert all(item["shown"] for item in certificate["faults"])
+    namings = {item["name"]: (item["naming"], item["meaning"]) for item in certificate["causes"]}
     assert namings["load_torque"] == ("named", "named")
     assert namings["winding_temperature"] == ("hidden", "does not show")
 
@@ -30,7 +30,7 @@ def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
     assert coarse.exit_code == 0
     certificate = json.loads(coarse.stdout)
     assert certificate["sample_period"] == pytest.approx(1e-3)
-    assert max(one["sigma"] or 0.0 for one in certificate["faults"]) > 0.01
+    assert max(fault["sigma"] or 0.0 for fault in certificate["faults"]) > 0.01
     step = ema("certify", "--command", "step")
     assert step.exit_code == 1
     assert "the command step produced 0 windows: expected motion back and forth" in step.stderr

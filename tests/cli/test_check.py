@@ -33,8 +33,8 @@ def motion(number: int, seconds: float = 16.0, rate_hz: float = 200.0) -> dict[s
     start = (37 * number) % cycle
     part = slice(start, start + round(seconds * rate_hz))
     columns["speed"] = TAU * columns["speed"]
-    found = {name: values[part] for name, values in columns.items()}
-    return found | {"time": 1e-9 * (stamps[: len(found["position"])] - stamps[0])}
+    selected = {name: values[part] for name, values in columns.items()}
+    return selected | {"time": 1e-9 * (stamps[: len(selected["position"])] - stamps[0])}
 
 
 def table(joints: Mapping[str, int], names: Mapping[str, tuple[str, float]]) -> dict[str, Any]:
@@ -212,10 +212,10 @@ def test_columns_of_every_joint_are_recognised(ema, tmp_path, form):
     pd.DataFrame(columns).to_csv(path, index=False, sep=separator, decimal=decimal)
     examination = checked(ema, path)
     [mapping] = map(yaml.safe_load, examination["mappings"])
-    found = {name: mapping[name]["source"] for name in SECTIONS if name in mapping}
+    sources = {name: mapping[name]["source"] for name in SECTIONS if name in mapping}
     if "joints" in mapping:
-        found["joints"] = mapping["joints"]
-    assert found == expected
+        sources["joints"] = mapping["joints"]
+    assert sources == expected
     assert len(examination["joints"]) == len(expected.get("joints", [""]))
 
 
@@ -376,8 +376,8 @@ def test_lerobot_data_set_is_read_as_joints_with_commands(ema, tmp_path, version
     imported = ema("import", folder, "--mapping", mapping, "-o", output)
     assert imported.exit_code == 0, imported.output
     blocks = list(read_telemetry(output, actuator_id="gripper"))
-    found = np.concatenate([block.position for block in blocks])
-    np.testing.assert_allclose(found, positions["gripper"], atol=1e-5)
+    position = np.concatenate([block.position for block in blocks])
+    np.testing.assert_allclose(position, positions["gripper"], atol=1e-5)
 
 
 @pytest.mark.parametrize(

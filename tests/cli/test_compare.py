@@ -58,34 +58,34 @@ def shown(ema, bag) -> str:
 
 @pytest.fixture(scope="module")
 def quick(bag) -> AlgorithmComparison:
-    found = read_windows(bag, OPTIONS)
+    recording = read_windows(bag, OPTIONS)
     options = Identifying(search=SearchSettings(budget=400))
     calibration = Calibration.builtin()
-    truth = found.true_faults(found.windows[0].start_ns)
+    truth = recording.true_faults(recording.windows[0].start_ns)
     return compare_algorithms(
-        found.windows[0], ["least_squares", "pso"], calibration, options, truth
+        recording.windows[0], ["least_squares", "pso"], calibration, options, truth
     )
 
 
 @pytest.mark.long
 def test_every_registered_algorithm_has_one_entry(compared):
     estimates = compared["estimates"]
-    assert [one["algorithm"] for one in estimates] == list(ALGORITHMS)
-    for one in estimates:
-        assert list(one["faults"]) == list(FAULT_NAMES)
-        assert 0 < one["generations"] < one["evaluations"] <= 400
-        assert one["fitness"] > 0.0
-        assert one["search_fitness"] > 0.0
-        assert one["computing_time"] > 0.0
-        assert not one["warm_start"]
+    assert [estimate["algorithm"] for estimate in estimates] == list(ALGORITHMS)
+    for estimate in estimates:
+        assert list(estimate["faults"]) == list(FAULT_NAMES)
+        assert 0 < estimate["generations"] < estimate["evaluations"] <= 400
+        assert estimate["fitness"] > 0.0
+        assert estimate["search_fitness"] > 0.0
+        assert estimate["computing_time"] > 0.0
+        assert not estimate["warm_start"]
 
 
 @pytest.mark.long
 def test_errors_are_relative_to_the_recorded_truth(compared):
     assert compared["truth"] == dict(zip(FAULT_NAMES, fault_vector(DRAWN), strict=True))
-    for one in compared["estimates"]:
-        expected = estimation_error(list(one["faults"].values()), fault_vector(DRAWN))
-        assert one["error_percent"] == pytest.approx(expected, rel=1e-12)
+    for estimate in compared["estimates"]:
+        expected = estimation_error(list(estimate["faults"].values()), fault_vector(DRAWN))
+        assert estimate["error_percent"] == pytest.approx(expected, rel=1e-12)
     # Measured: 0.6 %.
     assert compared["estimates"][0]["error_percent"] < 1.5
 
@@ -97,7 +97,9 @@ def test_each_algorithm_gives_the_same_result_as_alone_from_the_healthy_point(
 ):
     arguments = ("--algorithm", algorithm, "-p", "budget=400", "-p", "warm_start=false", "--json")
     alone = json.loads(ema("estimate", bag, *arguments).stdout)[1]
-    [beside] = [one for one in compared["estimates"] if one["algorithm"] == algorithm]
+    [beside] = [
+        estimate for estimate in compared["estimates"] if estimate["algorithm"] == algorithm
+    ]
     del alone["computing_time"]
     assert {name: beside[name] for name in alone} == alone
 
@@ -149,7 +151,7 @@ def test_bag_without_truth_has_no_errors(ema, record, faulty_blocks):
     answer = json.loads(ema("compare", path, *QUICK, "--json").stdout)
     assert answer["truth"] is None
     assert answer["fitness_at_truth"] is None
-    assert [one["error_percent"] for one in answer["estimates"]] == [None, None]
+    assert [estimate["error_percent"] for estimate in answer["estimates"]] == [None, None]
     table = ema("compare", path, *QUICK).stdout
     assert "\ntruth " not in table
     assert "at the true faults" not in table
@@ -165,8 +167,8 @@ def test_cost_curve_ends_at_the_final_cost(quick):
 
 
 def test_first_usable_window_is_chosen(ema, bag, tmp_path, record, faulty_blocks, spoiled):
-    found = read_windows(bag, OPTIONS)
-    assert choose_window(found, None).number == 0
+    recording = read_windows(bag, OPTIONS)
+    assert choose_window(recording, None).number == 0
     blocks = repeated(faulty_blocks, 2)
     blocks[100] = spoiled(blocks[100], "current", 7, np.nan)
     path = record(blocks)

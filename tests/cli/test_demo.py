@@ -80,30 +80,32 @@ class Demo:
 
     def descendants(self) -> dict[int, bytes]:
         """Return the command lines of the demo and its nodes by process id."""
-        found = {}
+        processes = {}
         for folder in Path("/proc").iterdir():
             try:
                 if f"{MARK}={self.folder}".encode() in (folder / "environ").read_bytes():
-                    found[int(folder.name)] = (folder / "cmdline").read_bytes()
+                    processes[int(folder.name)] = (folder / "cmdline").read_bytes()
             except (OSError, ValueError):  # no such process, or it has just ended
                 continue
-        return found
+        return processes
 
 
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory):
     """Run two demos concurrently in separate domains: one to its end, one interrupted."""
     folder = tmp_path_factory.mktemp("demos")
-    one, other = Demo(folder / "one", 7.0), Demo(folder / "other", 60.0)
+    finished, interrupted = Demo(folder / "one", 7.0), Demo(folder / "other", 60.0)
     try:
-        other.wait_until(lambda: len(re.findall("^ +[0-9]+  ", other.printed, re.MULTILINE)) >= 2)
-        other.interrupt(signal.SIGINT)
-        assert one.process.wait(timeout=DEADLINE_S) == 0, one.printed
+        interrupted.wait_until(
+            lambda: len(re.findall("^ +[0-9]+  ", interrupted.printed, re.MULTILINE)) >= 2
+        )
+        interrupted.interrupt(signal.SIGINT)
+        assert finished.process.wait(timeout=DEADLINE_S) == 0, finished.printed
     except BaseException:
-        one.process.kill()
-        other.process.kill()
+        finished.process.kill()
+        interrupted.process.kill()
         raise
-    return one, other
+    return finished, interrupted
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +119,7 @@ def test_concurrent_demos_have_separate_domains_and_dashboards(demos):
     addresses = [
         re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.printed, re.M) for d in demos
     ]
-    assert [len(found) for found in addresses] == [1, 1]
+    assert [len(address) for address in addresses] == [1, 1]
     assert addresses[0] != addresses[1]  # A port that is in use is skipped.
 
 
@@ -136,7 +138,9 @@ def test_demo_leaves_bag_and_picture_and_no_process(finished):
     # A monitor that is restarted with the same folder continues this history.
     [history] = (finished.folder / "history").glob("flap+*.sqlite")
     tests = read_history_file(history).entries
-    assert len(tests) == sum(one.valid for one in read_history(finished.folder / "bag").diagnoses())
+    assert len(tests) == sum(
+        diagnosis.valid for diagnosis in read_history(finished.folder / "bag").diagnoses()
+    )
     picture = imread(finished.folder / "history.png")
     assert picture.shape[0] > 400
     assert picture.shape[1] > 800
@@ -166,7 +170,9 @@ def test_demo_prints_a_line_a_cycle_and_the_latency(demos):
 def test_demo_ends_between_two_windows_and_waits_for_the_last(finished):
     history = read_history(finished.folder / "bag")
     diagnoses = history.diagnoses()
-    assert [one.reason for one in diagnoses if "telemetry ends" in one.reason] == []
+    assert [
+        diagnosis.reason for diagnosis in diagnoses if "telemetry ends" in diagnosis.reason
+    ] == []
     # The next cycle may have begun, but not its window.
     assert diagnoses[-1].start_ns >= history.truths[-2].stamp_ns
 
@@ -213,7 +219,7 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_blocks_a_demo(
     technician = Technician()
     command = ["ema", "up", "actuator", "-p", "faults.friction=0.6", "-p", "rate=4.0"]
     with started(command, stderr=subprocess.DEVNULL) as actuator, Observer("demo") as observer:
-        frictions = lambda: [one.faults[0] for one in observer._history.truths]  # noqa: E731
+        frictions = lambda: [truth.faults[0] for truth in observer._history.truths]  # noqa: E731
         try:
             wait_for(lambda: frictions()[-1:] == [0.6], "a cycle of the worn actuator")
             refused = ema("demo", "-o", tmp_path / "demo")
@@ -250,14 +256,14 @@ def test_only_growing_faults_are_shown():
 
 def shown(width: int, **changes) -> str:
     """Return a warning as a terminal of ``width`` columns shows it."""
-    one = replace(
+    diagnosis = replace(
         FAILED, window=0, faults=fault_vector({"friction": 0.21}), latency_s=0.84, cycle=12,
         truth=fault_vector({"friction": 0.2}), level=WARN, cause=CAUSE,
     )  # fmt: skip
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
     with LiveTable(SHOWN, console) as table:
-        table.show([replace(one, **changes)], "test cycle 13")
+        table.show([replace(diagnosis, **changes)], "test cycle 13")
     return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
 
 
@@ -271,15 +277,15 @@ def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
 
 
 def test_picture_states_when_each_level_first_occurred_and_why():
-    one = replace(FAILED, latency_s=0.84, cycle=None, level=None, cause="")
+    diagnosis = replace(FAILED, latency_s=0.84, cycle=None, level=None, cause="")
     history = DiagnosisLog("flap", "0001", limits={"friction": 0.5})
     levels = (OK, WARN, WARN, ERROR, STALE)
     history._diagnosed = {
-        i: replace(one, window=i, start_ns=i, end_ns=i, valid=level != STALE)
+        i: replace(diagnosis, window=i, start_ns=i, end_ns=i, valid=level != STALE)
         for i, level in enumerate(levels)
     }
     history._levels = {i: (level, CAUSE) for i, level in enumerate(levels)}
-    history.truths = [StampedFaults(i, "flap", i, one.faults) for i in range(len(levels))]
+    history.truths = [StampedFaults(i, "flap", i, diagnosis.faults) for i in range(len(levels))]
     figure = draw_history(history)
     assert f"WARN first in cycle 1: {CAUSE}" in figure.axes[0].get_title(loc="left")
     markers = [line.get_marker() for line in figure.axes[1].lines]

@@ -251,8 +251,13 @@ def test_table_of_moves_is_tracked_to_its_limit(ema, tmp_path):
     days = pd.date_range("2026-01-01", periods=14)
     ratio = np.where(np.arange(14) < 6, 1.0, 1.0 + 0.08 * (np.arange(14) - 5))
     rows = [
-        {"day": f"{day:%Y-%m-%d}", "serial": "A7", "hz": hz, "rms": hz * one * rng.normal(1, 0.01)}
-        for day, one in zip(days, ratio, strict=True)
+        {
+            "day": f"{day:%Y-%m-%d}",
+            "serial": "A7",
+            "hz": hz,
+            "rms": hz * factor * rng.normal(1, 0.01),
+        }
+        for day, factor in zip(days, ratio, strict=True)
         for hz in (1.0, 2.0)
     ]
     pd.DataFrame(rows).to_csv(tmp_path / "moves.csv", index=False)
@@ -262,13 +267,13 @@ def test_table_of_moves_is_tracked_to_its_limit(ema, tmp_path):
     result = ema(*command, "--json")
     assert result.exit_code == 3, result.output
     reported = json.loads(result.stdout)
-    assert [one["level"] for one in reported] == [
+    assert [factor["level"] for factor in reported] == [
         *["STALE"] * 5,
         *["OK"] * 1,
         *["WARN"] * 6,
         *["ERROR"] * 2,
     ]
-    assert {one["unit"] for one in reported} == {"A7"}
+    assert {factor["unit"] for factor in reported} == {"A7"}
     low, _, high = reported[9]["life_days"]
     assert low <= 2.25 <= high
     mapping.write_text("time: day\nfigures: [rmss]\n")

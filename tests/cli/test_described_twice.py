@@ -68,5 +68,5 @@ def test_contradicting_parameters_are_named(ema, bag: Path, tmp_path: Path, argu
     file.write_text("parameters: {G_M: 0.2}\n")
     output = tmp_path / ("out.yaml" if "calibrate" in arguments else "out.mcap")
     places = {"FILE": file, "BAG": bag, "OUT": output}
-    result = ema(*(places.get(one, one) for one in arguments))
+    result = ema(*(places.get(argument, argument) for argument in arguments))
     assert "G_M / k_t = 2.66, usually 0.7 to 1.3" in result.output

@@ -33,15 +33,15 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
     window = command = ("--params", file)
     assert ema("simulate", *command, *NOISE, "--cycles", "12", "-o", healthy).exit_code == 0
     assert ema("calibrate", healthy, *window, "-o", calibration).exit_code == 0
-    promised = {one["name"]: one for one in design["certificate"]["faults"]}
+    promised = {item["name"]: item for item in design["certificate"]["faults"]}
     for number, (name, value) in enumerate(
         {"friction": 0.2, "short_circuit_b": 0.1, "eccentricity": 0.2, "gain": 0.6}.items()
     ):
         fault = ("--fault", f"{name}={value}", "--seed", str(100 + number))
         assert ema("simulate", *command, *NOISE, *fault, "--replace", "-o", case).exit_code == 0
-        found = ema("estimate", case, *window, "--calibration", calibration, "--json")
-        assert found.exit_code == 0
-        [estimate] = json.loads(found.stdout)
+        result = ema("estimate", case, *window, "--calibration", calibration, "--json")
+        assert result.exit_code == 0
+        [estimate] = json.loads(result.stdout)
         # The promise holds for the least favourable actuator; the calibration is of another one.
         assert estimate["sigma"][name] <= 1.25 * promised[name]["sigma"]
         assert estimate["faults"][name] == pytest.approx(
@@ -67,10 +67,10 @@ def test_next_steps_that_are_printed_work_with_the_acquisition_of_the_design(
     assert ema(*calibrate).exit_code == 0
     case = [word.replace("healthy", "case") for word in simulate if word not in ("--cycles", "12")]
     assert ema(*case, *NOISE[:2], "--fault", "friction=0.3").exit_code == 0
-    [found] = json.loads(ema(*estimate, "--json").stdout)
-    assert found["valid"], found
+    [result] = json.loads(ema(*estimate, "--json").stdout)
+    assert result["valid"], result
     # The wanted standard deviation is 0.03.
-    assert found["faults"]["friction"] == pytest.approx(0.3, abs=0.09)
+    assert result["faults"]["friction"] == pytest.approx(0.3, abs=0.09)
 
 
 @pytest.mark.long
@@ -87,8 +87,8 @@ def test_command_is_read_from_its_file_exactly_as_written(tmp_path):
     file = tmp_path / "quick.yaml"
     swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
     save_command(file, swing, "made by a test\nof two lines")
-    given = Bench.of(Parameters(dict(parameters_in(file, "actuator"))))
-    assert vars(given.command) == vars(swing)
+    bench = Bench.of(Parameters(dict(parameters_in(file, "actuator"))))
+    assert vars(bench.command) == vars(swing)
     assert dict(parameters_in(file, "monitor")) == {"window_s": 0.21}
     assert file.read_text().startswith("# made by a test\n# of two lines\n")
 
@@ -97,8 +97,8 @@ def test_window_length_of_a_bag_can_be_given(ema, tmp_path):
     case = tmp_path / "case.mcap"
     swing = ("--command", "swing", "-p", "command.duration=0.25")
     assert ema("simulate", *swing, "-o", case).exit_code == 0
-    found = ema("estimate", case, "-p", "window_s=0.25", "--json")
-    [window] = json.loads(found.stdout)
+    result = ema("estimate", case, "-p", "window_s=0.25", "--json")
+    [window] = json.loads(result.stdout)
     assert window["end"] - window["start"] == pytest.approx(0.25)
     wrong = ema("estimate", case, "-p", "window_s=0")
     assert wrong.exit_code == 2

@@ -36,8 +36,8 @@ def worn(ema, tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("options", [(), ("-p", "warm_start=false"), ("--no-memory",)])
 def test_searches_start_from_the_previous_window_unless_configured_otherwise(ema, worn, options):
-    found = json.loads(ema("estimate", worn, *options, "--json").stdout)
-    assert [one["warm_start"] for one in found] == [False, not options, not options]
+    estimates = json.loads(ema("estimate", worn, *options, "--json").stdout)
+    assert [estimate["warm_start"] for estimate in estimates] == [False, not options, not options]
 
 
 def test_several_windows_give_a_line_each_and_a_summary(ema, worn):
@@ -117,10 +117,10 @@ def test_calibration_of_the_same_unit_is_used(ema, tmp_path):
     [forced] = json.loads(ema("estimate", case, "--accept-defects", "--json").stdout)
     assert forced["valid"]
     assert "forced" in forced["reason"]
-    [own] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
-    assert own["valid"]
-    assert own["reason"] == ""
-    assert own["faults"]["gain"] == pytest.approx(0.6, abs=0.01)
+    [calibrated] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
+    assert calibrated["valid"]
+    assert calibrated["reason"] == ""
+    assert calibrated["faults"]["gain"] == pytest.approx(0.6, abs=0.01)
     assert "`ema calibrate" not in ema("estimate", case, "--calibration", calibration).stdout
 
 

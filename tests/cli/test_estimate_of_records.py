@@ -32,7 +32,7 @@ def estimate(ema, monkeypatch: pytest.MonkeyPatch, bag: Path) -> Shown:
     """Return a function that runs ``ema estimate`` on records with given comparisons."""
 
     def run(*of: Comparison, options: Sequence[str] = ()) -> Any:
-        estimates = [compared(one, calibration_windows=12) for one in of]
+        estimates = [compared(item, calibration_windows=12) for item in of]
         monkeypatch.setattr(Identifying, "estimate", lambda *_: estimates)
         return ema("estimate", bag, *options)
 
@@ -87,11 +87,11 @@ def test_several_records_have_a_line_each_and_a_summary(estimate: Shown):
 
 
 def test_json_has_the_quantities(estimate: Shown):
-    [one] = json.loads(estimate(FRICTION_UP, options=("--json",)).stdout)
-    friction = one["comparison"]["quantities"][0]
+    [printed] = json.loads(estimate(FRICTION_UP, options=("--json",)).stdout)
+    friction = printed["comparison"]["quantities"][0]
     assert (friction["name"], friction["judgement"]) == ("friction", "changed")
     assert friction["change"] == pytest.approx(0.152)
-    hidden = one["comparison"]["quantities"][-1]
+    hidden = printed["comparison"]["quantities"][-1]
     assert (hidden["judgement"], hidden["change"]) == ("not judged", None)
     assert hidden["reason"] == "there is no position command"
 
@@ -99,8 +99,10 @@ def test_json_has_the_quantities(estimate: Shown):
 def test_unreadable_record_is_refused_with_its_reason(
     ema, monkeypatch: pytest.MonkeyPatch, bag: Path
 ):
-    one = compared(NOTHING, comparison=None, reasons=(WindowUnusable("the position is constant"),))
-    monkeypatch.setattr(Identifying, "estimate", lambda *_: [one])
+    refused = compared(
+        NOTHING, comparison=None, reasons=(WindowUnusable("the position is constant"),)
+    )
+    monkeypatch.setattr(Identifying, "estimate", lambda *_: [refused])
     result = ema("estimate", bag)
     assert result.exit_code == 3
     assert "record 0, " in result.stdout

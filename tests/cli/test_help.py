@@ -23,7 +23,7 @@ def test_help_fits_a_screen_of_40_lines(name):
     context = click.Context(main)
     command = main.get_command(context, name)
     below = command.list_commands(context) if isinstance(command, click.Group) else []
-    for path in [[name], *([name, one] for one in below)]:
+    for path in [[name], *([name, subcommand] for subcommand in below)]:
         printed = CliRunner().invoke(main, [*path, "--help"], terminal_width=78).stdout
         assert len(printed.splitlines()) <= 40, printed
 

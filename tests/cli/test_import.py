@@ -77,11 +77,11 @@ def test_table_with_its_recognised_mapping_gives_the_same_telemetry(
     output = tmp_path / "imported"
     result = ema("import", path, "--mapping", mapping, "-o", output)
     assert "17000 samples of flap (SIM-0001) at 10000 Hz, 1.700 s of telemetry" in result.stdout
-    found = join(list(read_telemetry(output)))
-    assert found.stamp_ns == telemetry.stamp_ns
+    imported = join(list(read_telemetry(output)))
+    assert imported.stamp_ns == telemetry.stamp_ns
     for column in COLUMNS:
         expected = getattr(telemetry, column)
-        np.testing.assert_allclose(getattr(found, column), expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(getattr(imported, column), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_defect_stops_the_import_with_value_and_remedy(ema, table, tmp_path):

@@ -49,15 +49,15 @@ def test_guide_and_options_give_the_same_result_as_the_mapping_by_hand(ema, tmp_
     guided = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=ASKED)
     assert guided.exit_code == 0, guided.output
     assert "# column 'current_a': 0.186 to 1.13" in guided.stdout
-    given = ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap")
-    assert given.exit_code == 0, given.output
-    hand, *others = (
+    printed = ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap")
+    assert printed.exit_code == 0, printed.output
+    hand, *mappings = (
         join(list(read_telemetry(tmp_path / f"{name}.mcap")))
         for name in ("hand", "guided", "given")
     )
-    for other in others:
-        assert (hand.position == other.position).all()
-        assert (hand.current == other.current).all()
+    for mapping in mappings:
+        assert (hand.position == mapping.position).all()
+        assert (hand.current == mapping.current).all()
     assert (tmp_path / "guided.png").stat().st_size > 10_000
     again = ("--mapping", tmp_path / "guided.yaml", "-o", tmp_path / "again.mcap")
     assert ema(*command, *again).exit_code == 0

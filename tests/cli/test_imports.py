@@ -96,12 +96,12 @@ def test_estimate_of_a_table_imports_no_compiler_no_pandas_and_no_bag(tables, na
 @pytest.mark.parametrize("name", ["test.csv", "test.parquet"])
 def test_table_and_its_imported_bag_give_the_same_estimate(ema, tables, name):
     bag, mapping = tables / f"{name}.mcap", tables / "mapping.yaml"
-    given = ("--mapping", mapping, "--actuator", tables / "actuator.yaml")
-    assert ema("import", tables / name, *given, "-o", bag).exit_code == 0
+    options = ("--mapping", mapping, "--actuator", tables / "actuator.yaml")
+    assert ema("import", tables / name, *options, "-o", bag).exit_code == 0
     of_table, of_bag = (
         json.loads(ema("estimate", path, "--json").stdout) for path in (tables / name, bag)
     )
-    for one in (*of_table, *of_bag):
-        one.pop("computing_time")
+    for estimate in (*of_table, *of_bag):
+        estimate.pop("computing_time")
     assert of_table == of_bag
     assert of_table[0]["comparison"]["quantities"][0]["judgement"] == "changed"

@@ -40,16 +40,16 @@ def fleet(ema, site: Path) -> Path:
 
 
 def test_sites_combine_their_growth_without_sharing_tests(ema, site, fleet, tmp_path):
-    one = tmp_path / "one.npz"
-    assert ema("learn-fleet", history_path(site, "flap", "1"), "-o", one).exit_code == 0
-    both, together = tmp_path / "both.npz", ("learn-fleet", one, history_path(site, "flap", "2"))
+    single = tmp_path / "one.npz"
+    assert ema("learn-fleet", history_path(site, "flap", "1"), "-o", single).exit_code == 0
+    both, together = tmp_path / "both.npz", ("learn-fleet", single, history_path(site, "flap", "2"))
     assert ema(*together, "-o", both).exit_code == 0
-    known = [set(FleetGrowth.read(file).units) for file in (one, both, fleet)]
-    assert [len(units) for units in known] == [1, 2, 3]
-    assert known[0] < known[1] < known[2]
+    units_of = [set(FleetGrowth.read(file).units) for file in (single, both, fleet)]
+    assert [len(units) for units in units_of] == [1, 2, 3]
+    assert units_of[0] < units_of[1] < units_of[2]
     result = ema(*together, "-o", both)
     assert (result.exit_code, "already exists" in result.stderr) == (1, True)
-    assert ema(*together, one, "-o", both, "--replace").exit_code == 0
+    assert ema(*together, single, "-o", both, "--replace").exit_code == 0
 
 
 def test_file_that_is_not_a_history_is_named(ema, fleet, tmp_path: Path):
@@ -77,8 +77,8 @@ def test_monitor_states_which_fleet_it_uses_and_refuses_an_invalid_fleet(
         estimate = made_test(number, seed=9, friction=0.1 + 0.005 * number)
         history.append(Entry(estimate, 10.0 * number, number + 1))
     history.close()
-    given = {"history_folder": str(folder), "fleet_file": str(fleet)}
-    with monitor(given) as session:
+    parameters = {"history_folder": str(folder), "fleet_file": str(fleet)}
+    with monitor(parameters) as session:
         session.describe()
         health = session.until(lambda: session.healths())[-1]
         assert health.assumption == (
@@ -86,7 +86,7 @@ def test_monitor_states_which_fleet_it_uses_and_refuses_an_invalid_fleet(
         )
         assert health.rul_faults.known
     (tmp_path / "none.npz").write_text("no fleet")
-    with monitor(given | {"fleet_file": str(tmp_path / "none.npz")}, up=False) as session:
+    with monitor(parameters | {"fleet_file": str(tmp_path / "none.npz")}, up=False) as session:
         assert not session.change_state(1)
         session.until_status("lifecycle", "is not a fleet file", b"\2")
 

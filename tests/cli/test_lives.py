@@ -100,8 +100,8 @@ def test_calibration_of_each_life_fits_its_unit(ema, two_lives):
 
 
 def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
-    given = ("--fault", "friction", "--as", "estimates", "--seed", "2")
-    result = ema("lives", *HERE, "-o", tmp_path / "lives", *given)
+    options = ("--fault", "friction", "--as", "estimates", "--seed", "2")
+    result = ema("lives", *HERE, "-o", tmp_path / "lives", *options)
     assert result.exit_code == 0, result.output
     written = (tmp_path / "lives" / "life_0000.jsonl").read_text()
     lines = [json.loads(line) for line in written.splitlines()]
@@ -142,22 +142,22 @@ def test_seed_determines_each_life_and_constant_ones_have_no_end(constant):
         constant("--as", "estimates", "--seed", seed, "--count", count)
         for seed, count in ((2, 1), (2, 2), (8, 1))
     ]
-    one, same, other = ((folder / "life_0000.jsonl").read_text() for folder in folders)
-    assert one == same != other
+    first, same, changed = ((folder / "life_0000.jsonl").read_text() for folder in folders)
+    assert first == same != changed
     index = pd.read_csv(folders[1] / "lives.csv")
     assert index[["end_hours", "dominant_fault"]].isna().all(axis=None)
 
 
 def test_parallel_lives_equal_serial_ones(ema, tmp_path, short, two_lives):
-    given = ("--count", "2", "--seed", "5", "--fault", "backlash", "--executor", "threads")
-    result = ema("lives", "-o", tmp_path / "lives", *given, "--workers", "2")
+    options = ("--count", "2", "--seed", "5", "--fault", "backlash", "--executor", "threads")
+    result = ema("lives", "-o", tmp_path / "lives", *options, "--workers", "2")
     assert result.exit_code == 0, result.output
     one_by_one = two_lives / "lives.csv"
     assert (tmp_path / "lives" / "lives.csv").read_text() == one_by_one.read_text()
     for bag in two_lives.rglob("*.mcap"):
-        other = tmp_path / "lives" / bag.relative_to(two_lives)
+        copy = tmp_path / "lives" / bag.relative_to(two_lives)
         telemetry = [
-            [block.current.tobytes() for block in read_telemetry(path)] for path in (bag, other)
+            [block.current.tobytes() for block in read_telemetry(path)] for path in (bag, copy)
         ]
         assert telemetry[0] == telemetry[1]
 
@@ -166,8 +166,8 @@ def test_life_begins_at_the_given_time(ema, tmp_path, constant):
     folders = [constant("--start", start) for start in ("1970-01-01", "2026-03-01T06:00:00")]
     bags = [sorted((folder / "life_0000").glob("*.mcap")) for folder in folders]
     later_ns = {
-        (Bag(other).start_ns or 0) - (Bag(one).start_ns or 0)
-        for one, other in zip(*bags, strict=True)
+        (Bag(late).start_ns or 0) - (Bag(early).start_ns or 0)
+        for early, late in zip(*bags, strict=True)
     }
     assert later_ns == {1_772_344_800_000_000_000}
     result = ema("lives", *HERE, "-o", tmp_path / "lives", "--start", "2037-12-31")

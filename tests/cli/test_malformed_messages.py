@@ -68,7 +68,9 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_command_names_what_is_malformed_and_continues(
     ema, spoiled: Path, tmp_path: Path, arguments: tuple[str, ...]
 ):
-    command, *options = (tmp_path / one if one.startswith("out") else one for one in arguments)
+    command, *options = (
+        tmp_path / argument if argument.startswith("out") else argument for argument in arguments
+    )
     result = ema(command, spoiled, *options)
     assert result.exit_code == 0, result.output
     reported = " ".join(result.output.split())

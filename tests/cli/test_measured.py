@@ -28,9 +28,9 @@ def test_measured_load_is_shown_and_not_as_a_hidden_cause(ema, bag):
 
 
 def test_measured_load_is_in_the_json_objects(ema, bag):
-    [one] = json.loads(ema("estimate", bag, *RIGHT, "--json").stdout)
-    assert one["measured"] == [{"name": "load_torque", "value": 0.3, "sigma": 0.01}]
-    assert one["causes"] == []
+    [estimate] = json.loads(ema("estimate", bag, *RIGHT, "--json").stdout)
+    assert estimate["measured"] == [{"name": "load_torque", "value": 0.3, "sigma": 0.01}]
+    assert estimate["causes"] == []
 
 
 def test_contradicting_measurement_is_reported(ema, bag):

@@ -61,8 +61,8 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
     monkeypatch.setattr("ema_monitor.windows.trigger.LOOKBACK_S", 0.5)
 
     def read(path: Path) -> None:
-        found = read_windows(path, OPTIONS, sink().add if sink else None)
-        assert found.samples == found.blocks * 100
+        recording = read_windows(path, OPTIONS, sink().add if sink else None)
+        assert recording.samples == recording.blocks * 100
 
     read(bags[0])  # Modules and caches are loaded at first use.
     short, long = (peak_bytes(lambda p=path: read(p)) for path in bags)
@@ -72,16 +72,16 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
 @pytest.mark.long
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     monkeypatch.setattr("ema_monitor.recordings.windows._KEPT_WINDOWS", 2)
-    found = read_windows(bags[1], OPTIONS)
-    assert len(found.windows) == LONG
+    recording = read_windows(bags[1], OPTIONS)
+    assert len(recording.windows) == LONG
     unit = ActuatorDescription()
 
     def fit(windows: list[RecordedWindow]) -> Calibration:
         return calibrate_model(WindowsOnDemand(windows), unit)
 
-    fit(found.windows[:SHORT])
-    short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))
-    one_window = found.windows[0].window
+    fit(recording.windows[:SHORT])
+    short, long = (peak_bytes(lambda n=n: fit(recording.windows[:n])) for n in (SHORT, LONG))
+    one_window = recording.windows[0].window
     assert isinstance(one_window, Window)
     # The longer bag has twelve more windows, yet memory grows by less than one; noise is 40 kB.
     assert long - short < sum(getattr(one_window.telemetry, name).nbytes for name in COLUMNS)
@@ -101,14 +101,14 @@ def test_window_read_again_equals_the_detected_one(record, faulty_blocks, spoile
     live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Segment)]
     again = read_windows(record(blocks), OPTIONS).windows
     assert len(live) == len(again) == 3
-    for one, other in zip(live, again, strict=True):
-        assert (one.number, one.description) == (other.number, other.description)
-        if isinstance(one.window, Refusal):
-            assert one.window == other.window
+    for detected, reread in zip(live, again, strict=True):
+        assert (detected.number, detected.description) == (reread.number, reread.description)
+        if isinstance(detected.window, Refusal):
+            assert detected.window == reread.window
             continue
-        assert isinstance(other.window, Window)
-        a, b = one.window.telemetry, other.window.telemetry
-        assert one.window.play == other.window.play
+        assert isinstance(reread.window, Window)
+        a, b = detected.window.telemetry, reread.window.telemetry
+        assert detected.window.play == reread.window.play
         assert (a.stamp_ns, a.first_index) == (b.stamp_ns, b.first_index)
         for name in COLUMNS:
             assert getattr(a, name).tobytes() == getattr(b, name).tobytes()

@@ -25,18 +25,23 @@ OPTIONS = [
 
 
 def test_answers_and_options_give_a_description_with_sources(ema, tmp_path):
-    asked, given = tmp_path / "asked.yaml", tmp_path / "given.yaml"
+    asked, by_options = tmp_path / "asked.yaml", tmp_path / "given.yaml"
     answers = "".join(f"{value}\n" for value in FIGURES.values())
     result = ema("new-actuator", "--serial-number", "0815", "-o", asked, typed=answers)
     assert result.exit_code == 0, result.output
-    printed = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", given)
+    printed = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", by_options)
     assert printed.exit_code == 0, printed.output
     unknown = printed.stdout.partition("from the example: ")[2].strip().split(", ")
     example = ActuatorDescription().parameters
-    for file, k_t in ((asked, 0.34), (given, 1.0 / (28.0 * RPM))):
-        found = load_description(file)
-        p = found.parameters
-        assert (found.serial_number, found.sample_period, p.V_max, p.P) == ("0815", 5e-4, 270.0, 4)
+    for file, k_t in ((asked, 0.34), (by_options, 1.0 / (28.0 * RPM))):
+        description = load_description(file)
+        p = description.parameters
+        assert (description.serial_number, description.sample_period, p.V_max, p.P) == (
+            "0815",
+            5e-4,
+            270.0,
+            4,
+        )
         assert (p.k_t, p.k_e, p.G_M) == pytest.approx((k_t, k_t, k_t))
         # The limit of the torque is derived from values that are given.
         assert (p.T_max, p.tau, p.L_s) == pytest.approx((15.0 * k_t, 1.0 / 800.0, 4.2e-3))

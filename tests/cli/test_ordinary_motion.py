@@ -45,12 +45,12 @@ def estimates(ema, bag) -> list[dict[str, Any]]:
 @pytest.mark.slow
 def test_estimate_combines_stretches_and_states_so(estimates):
     assert estimates
-    for one in estimates:
-        assert one["verdict"] != "refused"
-        assert one["stretches"] >= 1
-        assert one["end"] - one["start"] >= 0.5 * one["stretches"] - 1e-6
+    for estimate in estimates:
+        assert estimate["verdict"] != "refused"
+        assert estimate["stretches"] >= 1
+        assert estimate["end"] - estimate["start"] >= 0.5 * estimate["stretches"] - 1e-6
         # The wanted sigma is 0.02; errors of three standard deviations are rare.
-        assert abs(one["faults"]["friction"] - FAULTS["friction"]) < 0.06
+        assert abs(estimate["faults"]["friction"] - FAULTS["friction"]) < 0.06
 
 
 @pytest.mark.slow
@@ -89,11 +89,11 @@ def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(
     assert result.exit_code == 0, result.stderr
     assert picture.stat().st_size > 0
     [(window, estimate)] = drawn
-    combined, *others = estimates
+    combined, *later = estimates
     assert estimate.stretches == combined["stretches"]
     assert (estimate.end_ns, window.end_ns) == (combined["end_ns"], combined["end_ns"])
-    [load] = [one.value for one in estimate.causes if one.name == "load_torque"]
+    [load] = [cause.value for cause in estimate.causes if cause.name == "load_torque"]
     assert load == pytest.approx(0.3, abs=0.02)
-    number = 1 + len(others)
+    number = 1 + len(later)
     result = ema("plot", *OPTIONS, "--window", number, "-o", tmp_path / "none.png", bag)
     assert (result.exit_code, f"the motion has {number} estimate" in result.stderr) == (1, True)

@@ -28,10 +28,10 @@ def test_input_is_recognised_by_any_name_of_the_file(tmp_path: Path, link):
     output = tmp_path / "link.yaml" if link else member
     if link:
         link(output, member)
-    for given in (member.parent, member):
+    for candidate in (member.parent, member):
         for overwrite in (False, True):
             with pytest.raises(ValueError, match="is the same as the input"):
-                require_free(output, [given], overwrite=overwrite)
+                require_free(output, [candidate], overwrite=overwrite)
 
 
 @pytest.mark.parametrize(
@@ -66,11 +66,15 @@ def test_command_never_overwrites_its_input(ema, folder: Path, monkeypatch, word
 def test_other_files_are_overwritten_only_on_request(
     ema, folder: Path, tmp_path: Path, arguments: tuple, name: str
 ):
-    other = tmp_path / name
-    other.write_text("keep me")
-    command = (*(folder / "bag" if one == "BAG" else one for one in arguments), "-o", other)
+    existing = tmp_path / name
+    existing.write_text("keep me")
+    command = (
+        *(folder / "bag" if argument == "BAG" else argument for argument in arguments),
+        "-o",
+        existing,
+    )
     refused = ema(*command)
     assert (refused.exit_code, "--replace" in refused.stderr) == (1, True)
-    assert other.read_text() == "keep me"
+    assert existing.read_text() == "keep me"
     assert ema(*command, "--replace").exit_code == 0
-    assert other.stat().st_size > 100
+    assert existing.stat().st_size > 100

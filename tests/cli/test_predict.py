@@ -78,10 +78,10 @@ def course_of(
     counted: bool = True,
     truths: list[StampedFaults] | None = None,
 ) -> Course:
-    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
+    counts = [Count(estimate.end_ns, estimate.end_ns / NS_PER_HOUR, 0) for estimate in estimates]
     record = UnitRecord(ActuatorDescription(), [], counts if counted else [], truths or [], [])
-    given = Predicting(prognosis=settings or PrognosisSettings())
-    return follow(record, estimates, Calibration.builtin(), given)
+    predicting = Predicting(prognosis=settings or PrognosisSettings())
+    return follow(record, estimates, Calibration.builtin(), predicting)
 
 
 def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
@@ -135,7 +135,9 @@ def test_past_predictions_are_reported_with_the_fault_that_ends_life():
     assert 1.0 <= friction.widening < 1.3
     assert math.isnan(next(iter(message.requirements)).widening)
     [line] = [
-        one for one in summary(course, message) if one.startswith("calibration of predictions")
+        sentence
+        for sentence in summary(course, message)
+        if sentence.startswith("calibration of predictions")
     ]
     assert f"friction {friction.calibration:.2f} for the next test" in line
     assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
@@ -143,7 +145,7 @@ def test_past_predictions_are_reported_with_the_fault_that_ends_life():
 
 def test_prediction_begins_at_the_last_test_with_plausible_hours():
     estimates = growing(2e-3, 20, seed=7)
-    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates[:-1]]
+    counts = [Count(item.end_ns, item.end_ns / NS_PER_HOUR, 0) for item in estimates[:-1]]
     counts.append(Count(estimates[-1].end_ns, 50_000.0, 0))
     record = UnitRecord(ActuatorDescription(), [], counts, [], [])
     course = follow(record, estimates, Calibration.builtin(), Predicting())
@@ -152,9 +154,9 @@ def test_prediction_begins_at_the_last_test_with_plausible_hours():
     axes = figure.axes
     future = [
         line
-        for one in axes
-        for line in one.lines
-        if line.get_label() == "predicted, median" and one is not axes[0]
+        for item in axes
+        for line in item.lines
+        if line.get_label() == "predicted, median" and item is not axes[0]
     ]
     assert future
     for line in future:
@@ -179,8 +181,12 @@ def test_true_end_is_the_hour_at_which_the_first_limit_is_crossed():
     hours = np.array([outlook.hours for outlook in course.outlooks])
     assert left == pytest.approx(np.maximum(0.45 / 3.1e-3 - hours, 0.0), abs=1e-6)
     # The picture marks the crossing at the limit, and not the last test at 170 h.
-    friction = next(one for one in draw_course(course).axes if one.get_ylabel() == "friction")
-    [end] = [np.asarray(one.get_xdata()) for one in friction.lines if one.get_marker() == "D"]
+    friction = next(
+        artist for artist in draw_course(course).axes if artist.get_ylabel() == "friction"
+    )
+    [end] = [
+        np.asarray(artist.get_xdata()) for artist in friction.lines if artist.get_marker() == "D"
+    ]
     assert end == pytest.approx([145.2], abs=4.0)
     # A healthy unit has 0.65 of its torque in reserve: a requirement of 0.6 ends life sooner.
     strict = PrognosisSettings(requirements=RequirementLimits(torque_margin=0.6))
@@ -284,13 +290,13 @@ def test_reason_shared_by_all_tests_is_reported_once_with_its_remedy(ema, writte
 
 
 def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
-    one, other = written("one.mcap"), written("other.mcap", 2.0, actuator_id="rudder")
-    result = ema("predict", one, other)
+    flap, rudder = written("one.mcap"), written("other.mcap", 2.0, actuator_id="rudder")
+    result = ema("predict", flap, rudder)
     assert result.exit_code == 1
     error = result.stderr.strip().splitlines()[-1]
-    for part in (str(one), str(other), "'rudder'", "--actuator-id"):
+    for part in (str(flap), str(rudder), "'rudder'", "--actuator-id"):
         assert part in error
-    record = read_unit([one, other], ReadingOptions("rudder"))
+    record = read_unit([flap, rudder], ReadingOptions("rudder"))
     assert record.description.actuator_id == "rudder"
     assert len(record.windows) == 1
     assert "skipped" in record.remarks[0]

@@ -68,7 +68,7 @@ def test_variables_that_open_the_network_are_removed_and_reported(capsys):
 
 
 @pytest.mark.parametrize(
-    ("given", "reach"),
+    ("variables", "reach"),
     [
         ({}, "LOCALHOST"),
         ({RANGE: "LOCALHOST"}, "LOCALHOST"),
@@ -76,32 +76,32 @@ def test_variables_that_open_the_network_are_removed_and_reported(capsys):
         ({RANGE: "OFF"}, "OFF"),
     ],
 )
-def test_nothing_is_reported_if_no_variable_is_removed(given, reach, capsys):
-    environment = dict(given)
+def test_nothing_is_reported_if_no_variable_is_removed(variables, reach, capsys):
+    environment = dict(variables)
     set_reach(False, environment)
     assert environment[RANGE] == reach
     assert not capsys.readouterr().err
 
 
 def test_profile_of_the_user_is_kept(tmp_path):
-    own = tmp_path / "own.xml"
-    own.write_text(PROFILES.read_text().replace("quick_discovery", "own"))
-    environment = {PROFILE: str(own)}
+    profile = tmp_path / "own.xml"
+    profile.write_text(PROFILES.read_text().replace("quick_discovery", "own"))
+    environment = {PROFILE: str(profile)}
     set_reach(False, environment)
-    assert environment[PROFILE] == str(own)
+    assert environment[PROFILE] == str(profile)
 
 
-@pytest.mark.parametrize("given", [{}, {RANGE: "SUBNET", "ROS_STATIC_PEERS": "192.0.2.1"}])
-def test_network_option_keeps_the_variables_of_ros(given):
-    environment = {**given, PROFILE: str(PROFILES)}
+@pytest.mark.parametrize("variables", [{}, {RANGE: "SUBNET", "ROS_STATIC_PEERS": "192.0.2.1"}])
+def test_network_option_keeps_the_variables_of_ros(variables):
+    environment = {**variables, PROFILE: str(PROFILES)}
     set_reach(True, environment)
-    assert environment == {**given, PROFILE: str(PROFILES)}
+    assert environment == {**variables, PROFILE: str(PROFILES)}
 
 
 @pytest.mark.parametrize(
-    "given", [{RANGE: "LOCALHOST"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "1"}]
+    "variables", [{RANGE: "LOCALHOST"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "1"}]
 )
-def test_network_forbidden_by_the_variables_is_refused(given):
-    [(name, value)] = given.items()
+def test_network_forbidden_by_the_variables_is_refused(variables):
+    [(name, value)] = variables.items()
     with pytest.raises(ValueError, match=rf"--network: {name}={value} .*{RANGE}=SUBNET"):
-        set_reach(True, dict(given))
+        set_reach(True, dict(variables))

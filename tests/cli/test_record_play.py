@@ -73,15 +73,15 @@ def test_recording_holds_all_played_messages(replayed):
 
 def test_history_agrees_with_the_truth_of_the_sample(replayed):
     history = read_history(replayed)
-    [one] = history.diagnoses()
-    assert (one.valid, one.cycle) == (True, 0)
-    assert one.truth is not None
-    assert one.truth[0] == 0.25
+    [diagnosis] = history.diagnoses()
+    assert (diagnosis.valid, diagnosis.cycle) == (True, 0)
+    assert diagnosis.truth is not None
+    assert diagnosis.truth[0] == 0.25
     # Measured: 0.001; the tolerance is 4 sigma of the estimate.
-    assert one.faults[0] == pytest.approx(0.25, abs=4.0 * one.sigma[0])
+    assert diagnosis.faults[0] == pytest.approx(0.25, abs=4.0 * diagnosis.sigma[0])
     assert history.limits["friction"] == 0.5
     # Friction of 0.25 is half of its limit.
-    assert one.level == 1
+    assert diagnosis.level == 1
 
 
 def test_latency_is_left_out_if_the_stamps_are_from_another_time(replayed):
@@ -102,11 +102,11 @@ def test_history_plot_is_next_to_the_bag_and_unknown_actuators_are_refused_with_
 
 
 def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
-    given = []
+    passed = []
 
     def main(arguments: list[str]) -> int:
         assert "__ns:=/ema" in arguments
-        given.append([item for item in arguments if ":=" in item and item[:2] != "__"])
+        passed.append([item for item in arguments if ":=" in item and item[:2] != "__"])
         return 0
 
     monkeypatch.setattr("ema_bags.recorder_node.main", main)
@@ -118,8 +118,11 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
     assert ema("play", "bag", "--rate", "4", "--only-actuator").exit_code == 0
     assert ema("record").exit_code == 0
     parameters = [
-        {name: json.loads(value) for name, _, value in (item.partition(":=") for item in one)}
-        for one in given
+        {
+            name: json.loads(value)
+            for name, _, value in (item.partition(":=") for item in assignments)
+        }
+        for assignments in passed
     ]
     assert parameters == [
         {"output": "12", "topics": ["telemetry", "b"], "overwrite": True},

@@ -42,9 +42,9 @@ def test_single_test_cycle_is_not_a_record_and_the_reason_is_stated(ema, cycles,
         "has no record to diagnose (no excitation): a record needs 2 s of motion, and the "
         "telemetry has only 1.7 s"
     )
-    found = ema("info", cycles[1], *option)
-    assert "records: 0" in found.stdout
-    assert reason in found.stdout
+    result = ema("info", cycles[1], *option)
+    assert "records: 0" in result.stdout
+    assert reason in result.stdout
     refused = ema("estimate", cycles[1], *option)
     assert refused.exit_code == 1
     assert reason in refused.stderr

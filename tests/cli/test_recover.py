@@ -22,8 +22,8 @@ def test_recovered_bag_is_whole_and_holds_every_intact_message(ema, tmp_path: Pa
     assert before.damage
     assert "killed.mcap" in result.stderr
     assert after.damage == ""
-    found, expected = ([item[1:] for item in bag.raw_messages()] for bag in (after, before))
-    assert found == expected
+    recovered, expected = ([item[1:] for item in bag.raw_messages()] for bag in (after, before))
+    assert recovered == expected
     assert {name: (t.qos, t.type_hash) for name, t in after.topics.items()} == {
         name: (t.qos, t.type_hash) for name, t in before.topics.items()
     }
@@ -49,7 +49,7 @@ def test_message_with_a_time_that_ros_cannot_represent_is_left_out_and_reported(
     assert result.exit_code == 0, result.output
     assert "2 malformed" in result.stderr
     whole = Bag(tmp_path / "whole")
-    assert [(one.log_time_ns, one.publish_time_ns) for one in whole.raw_messages()] == [
-        (1, 1),
-        (2**63 - 1, 4),
-    ]
+    assert [
+        (raw_message.log_time_ns, raw_message.publish_time_ns)
+        for raw_message in whole.raw_messages()
+    ] == [(1, 1), (2**63 - 1, 4)]

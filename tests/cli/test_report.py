@@ -55,8 +55,8 @@ def reported(ema, life_folder) -> dict[str, Any]:
 def estimated(ema, bag: Path) -> list[list[float]]:
     """Return estimates and standard deviations of each window from `ema estimate --json`."""
     rows = []
-    for one in json.loads(ema("estimate", bag, "--json").stdout):
-        row = [(one["faults"][name], one["sigma"][name]) for name in FAULT_NAMES]
+    for estimate in json.loads(ema("estimate", bag, "--json").stdout):
+        row = [(estimate["faults"][name], estimate["sigma"][name]) for name in FAULT_NAMES]
         rows.append([value for pair in row for value in pair if value is not None])
     return rows
 

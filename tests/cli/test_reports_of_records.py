@@ -51,7 +51,7 @@ def run(ema, monkeypatch: pytest.MonkeyPatch, bag: Path) -> Run:
     """Return a function that runs a command on a bag whose records have given comparisons."""
 
     def command(name: str, of: Sequence[Comparison], *options: object) -> Any:
-        estimates = [compared(one, END_NS + 10**11 * n) for n, one in enumerate(of)]
+        estimates = [compared(item, END_NS + 10**11 * n) for n, item in enumerate(of)]
         monkeypatch.setattr(Identifying, "estimate", lambda *_: estimates)
         return ema(name, bag, *HOURS, *options)
 
@@ -136,7 +136,7 @@ def test_prognosis_tracks_friction_like_a_fault(run: Run):
     result = run("predict", of)
     assert "record that ended at 2023-11-14" in result.stdout
     assert "unchanged (changes above 10 % would show)" in result.stdout
-    [row] = [one for one in result.stdout.splitlines() if one.split()[:1] == ["friction"]]
+    [row] = [line for line in result.stdout.splitlines() if line.split()[:1] == ["friction"]]
     assert " / " in row
     assert "short circuit A" not in result.stdout
     reported = json.loads(run("predict", of, "--json").stdout)

@@ -147,7 +147,7 @@ def cycles(ema, folder, described, seconds: float) -> None:
             pd.read_csv(written(folder / "one.csv", 25, seconds, friction_a=friction, seed=seed))
             for seed in range(8)
         ]
-        rows = pd.concat([one.assign(cycle=number) for number, one in enumerate(tables)])
+        rows = pd.concat([table.assign(cycle=number) for number, table in enumerate(tables)])
         rows.to_csv(folder / f"{name}.csv", index=False)
         output = ("-o", folder / f"{name}.mcap")
         assert ema("import", folder / f"{name}.csv", *described, *output).exit_code == 0
@@ -162,9 +162,9 @@ def test_each_cycle_of_a_table_is_a_record(ema, tmp_path, described):
     result = ema("estimate", tmp_path / "worn.mcap", "--calibration", calibration, "--json")
     assert result.exit_code == 3
     estimates = json.loads(result.stdout)
-    assert [one["verdict"] for one in estimates] == ["departed"] * 8
-    for one in estimates:
-        assert one["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
+    assert [estimate["verdict"] for estimate in estimates] == ["departed"] * 8
+    for estimate in estimates:
+        assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
 
 
 def test_cycles_with_too_few_strokes_are_refused_with_their_number(ema, tmp_path, described):
@@ -195,7 +195,7 @@ def test_irregular_log_gives_the_estimate_of_the_intact_log(ema, tmp_path, descr
     written(tmp_path / "healthy.csv", 100, 30.0)
     frame = pd.read_csv(written(tmp_path / "intact.csv", 100, 30.0, friction_a=0.9, seed=1))
     spoilt(frame, way, rng).to_csv(tmp_path / "irregular.csv", index=False)
-    found = {}
+    estimates = {}
     for name in ("healthy", "intact", "irregular"):
         result = ema(
             "import", tmp_path / f"{name}.csv", *described, "-o", tmp_path / f"{name}.mcap"
@@ -205,9 +205,9 @@ def test_irregular_log_gives_the_estimate_of_the_intact_log(ema, tmp_path, descr
     assert ema("calibrate", tmp_path / "healthy.mcap", "-o", calibration).exit_code == 0
     for name in ("intact", "irregular"):
         result = ema("estimate", tmp_path / f"{name}.mcap", "--calibration", calibration, "--json")
-        [found[name]] = json.loads(result.stdout)
-        assert found[name]["verdict"] == "departed", result.output
-    friction = [one["faults"]["friction"] for one in found.values()]
+        [estimates[name]] = json.loads(result.stdout)
+        assert estimates[name]["verdict"] == "departed", result.output
+    friction = [estimate["faults"]["friction"] for estimate in estimates.values()]
     assert 1.0 + 2.0 * friction[1] == pytest.approx(1.0 + 2.0 * friction[0], rel=0.01)
-    counts = re.search(r"(\d+) lost samples of \d+ interpolated", found["irregular"]["reason"])
+    counts = re.search(r"(\d+) lost samples of \d+ interpolated", estimates["irregular"]["reason"])
     assert bool(counts) == (way in ("lost", "bursts"))

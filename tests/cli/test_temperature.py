@@ -48,9 +48,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def friction(ema, folder, name):
     result = ema("estimate", folder / f"{name}.csv", "--json")
-    (one,) = json.loads(result.stdout)
-    quantities = {item["name"]: item for item in one["comparison"]["quantities"]}
-    return quantities["friction"], one
+    (estimate,) = json.loads(result.stdout)
+    quantities = {item["name"]: item for item in estimate["comparison"]["quantities"]}
+    return quantities["friction"], estimate
 
 
 def calibrated(ema, folder, mapping):

@@ -41,7 +41,7 @@ def options(folder: Path) -> tuple[str, Path]:
 
 
 def quantities(estimate: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    return {one["name"]: one for one in estimate["comparison"]["quantities"]}
+    return {quantity["name"]: quantity for quantity in estimate["comparison"]["quantities"]}
 
 
 @pytest.mark.slow
@@ -52,9 +52,9 @@ def quantities(estimate: dict[str, Any]) -> dict[str, dict[str, Any]]:
 def test_record_ends_with_3_if_anything_has_changed(ema, folder, case, exit_code, verdict):
     result = ema("estimate", folder / f"{case}.mcap", *options(folder), "--json")
     assert result.exit_code == exit_code
-    (one,) = json.loads(result.stdout)
-    assert (one["verdict"], one["valid"]) == (verdict, True)
-    assert one["faults"]["gain"] is None
+    (estimate,) = json.loads(result.stdout)
+    assert (estimate["verdict"], estimate["valid"]) == (verdict, True)
+    assert estimate["faults"]["gain"] is None
 
 
 @pytest.mark.slow
@@ -111,8 +111,8 @@ def test_archive_gives_the_same_estimates_as_the_command(ema, folder, tmp_path):
         json.loads(ema("estimate", folder / f"{name}.mcap", *options(folder), "--json").stdout)[0]
         for name in ("healthy", "worn")
     ]
-    assert [one["verdict"] for one in rows] == [one["verdict"] for one in estimates]
-    assert [one["friction"] for one in rows] == [one["faults"]["friction"] for one in estimates]
+    assert [item["verdict"] for item in rows] == [item["verdict"] for item in estimates]
+    assert [item["friction"] for item in rows] == [item["faults"]["friction"] for item in estimates]
 
 
 @pytest.mark.slow

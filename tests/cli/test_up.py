@@ -53,7 +53,7 @@ def lines(note: Path) -> list[str]:
 
 def processes_with(mark: str | Path) -> list[int]:
     """Return the processes except this one whose command line has a mark; zombies have none."""
-    found = []
+    processes = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit() or int(folder.name) == os.getpid():
             continue
@@ -62,8 +62,8 @@ def processes_with(mark: str | Path) -> list[int]:
         except OSError:  # it has just ended
             continue
         if os.fsencode(mark) in command:
-            found.append(int(folder.name))
-    return found
+            processes.append(int(folder.name))
+    return processes
 
 
 def has_ended(processes: Supervisor) -> bool:
@@ -218,8 +218,8 @@ def health_in(bag: Path) -> list[Any]:
     file = bag / "bag_0.mcap"
     if not file.exists() or not file.stat().st_size or "/ema/health" not in Bag(bag).topics:
         return []
-    found = Bag(bag)
-    return [item.message for item in found.messages(["/ema/health"])]
+    recording = Bag(bag)
+    return [item.message for item in recording.messages(["/ema/health"])]
 
 
 def test_nodes_run_under_one_command_until_ctrl_c(ema, tmp_path, monkeypatch):

@@ -42,9 +42,11 @@ FLAP = ActuatorDescription()
 def recorded(faulty_blocks) -> tuple[list[Telemetry], list[Diagnosed]]:
     """Return three cycles of a faulty actuator, and estimates with a warm start from the second."""
     blocks, finder = repeated(faulty_blocks, 3), WindowFinder(TriggerSettings(), FLAP)
-    windows = [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+    windows = [
+        event for block in blocks for event in finder.feed(block) if isinstance(event, Segment)
+    ]
     reported = [
-        one for one in diagnose(windows, Calibration.builtin()) if isinstance(one, Diagnosed)
+        event for event in diagnose(windows, Calibration.builtin()) if isinstance(event, Diagnosed)
     ]
     return blocks, reported
 
@@ -59,10 +61,10 @@ def bag_of_estimates(tmp_path: Path) -> Callable[..., Path]:
             for block in blocks:
                 written.write_block(block, 0.0)
             bag.add_topic("/ema/fault_estimate", class_, qos)
-            for one in reported:
-                message = estimate_to_message(one.estimate, one.number, FLAP)
+            for diagnosed in reported:
+                message = estimate_to_message(diagnosed.estimate, diagnosed.number, FLAP)
                 change(message)
-                end_ns = one.estimate.end_ns
+                end_ns = diagnosed.estimate.end_ns
                 bag.write("/ema/fault_estimate", message, blocks[-1].stamp_ns, end_ns)
         return tmp_path / name
 
@@ -79,11 +81,11 @@ def bag_of(recorded, bag_of_estimates) -> Callable[..., Path]:
 
 
 def states(result) -> list[str]:
-    return [one["state"] for one in json.loads(result.stdout)]
+    return [window["state"] for window in json.loads(result.stdout)]
 
 
 def test_recomputed_estimates_are_identical_also_after_a_warm_start(ema, bag_of, recorded):
-    assert [one.estimate.warm_start for one in recorded[1]] == [False, True, True]
+    assert [diagnosed.estimate.warm_start for diagnosed in recorded[1]] == [False, True, True]
     result = ema("verify", bag_of())
     assert result.exit_code == 0
     assert "3 identical" in result.output
@@ -145,7 +147,7 @@ def worn_blocks() -> list[Telemetry]:
 
 def windows_in(blocks: list[Telemetry]) -> list[Segment]:
     finder = WindowFinder(TriggerSettings(), FLAP)
-    return [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+    return [event for block in blocks for event in finder.feed(block) if isinstance(event, Segment)]
 
 
 @pytest.mark.parametrize("loses_last", [False, True])
@@ -156,12 +158,12 @@ def test_estimates_of_a_restarted_monitor_are_identical(
     blocks = worn_blocks
     first, second, _ = windows_in(blocks)
     made, monitor = [], Diagnosis()
-    for one in (first, second):
-        made += [item for item in diagnose_one(monitor, one)]
+    for entry in (first, second):
+        made += [item for item in diagnose_one(monitor, entry)]
     after = next(n for n, block in enumerate(blocks) if block.stamp_ns > made[-1].estimate.end_ns)
     restarted, kept = Diagnosis(), made[: 1 if loses_last else 2]
-    for one in kept:
-        restarted.begin_at(FLAP, one.estimate)
+    for entry in kept:
+        restarted.begin_at(FLAP, entry.estimate)
     later = next(
         found
         for skipped in range(0, len(blocks) - after, 5)
@@ -169,8 +171,8 @@ def test_estimates_of_a_restarted_monitor_are_identical(
         and isinstance(window := found[0].window, Window)
         and window.play is None
     )
-    made += [item for one in later for item in diagnose_one(restarted, one)]
-    assert [one.number for one in made] == [0, 1, 0]
+    made += [item for entry in later for item in diagnose_one(restarted, entry)]
+    assert [entry.number for entry in made] == [0, 1, 0]
     result = ema("verify", bag_of_estimates(blocks, made))
     assert (result.exit_code, "3 identical" in result.output) == (0, True), result.output
     assert "as from a monitor started during the motion before the window" in result.output
@@ -179,7 +181,7 @@ def test_estimates_of_a_restarted_monitor_are_identical(
 
 def diagnose_one(monitor: Diagnosis, window: Segment) -> list[Diagnosed]:
     every = monitor.add(window, Calibration.builtin(), SearchSettings())
-    return [one for one in every if isinstance(one, Diagnosed)]
+    return [event for event in every if isinstance(event, Diagnosed)]
 
 
 def test_archive_is_recomputed_from_its_bags(ema, bag_of, tmp_path: Path):
@@ -199,18 +201,18 @@ def test_archive_is_recomputed_from_its_bags(ema, bag_of, tmp_path: Path):
     gone.unlink()
     result = ema("verify", archive, "--json")
     assert result.exit_code == 3
-    found = json.loads(result.stdout)
-    assert [one["state"] for one in found[:3]] == ["identical", "different", "identical"]
-    assert found[1]["difference"] == pytest.approx(0.01)
-    assert [one["state"] for one in found[3:]] == ["cannot be recomputed"] * 3
-    assert "two.mcap" in found[3]["reason"]
+    reported = json.loads(result.stdout)
+    assert [window["state"] for window in reported[:3]] == ["identical", "different", "identical"]
+    assert reported[1]["difference"] == pytest.approx(0.01)
+    assert [window["state"] for window in reported[3:]] == ["cannot be recomputed"] * 3
+    assert "two.mcap" in reported[3]["reason"]
 
 
 def test_history_is_recomputed_and_alterations_are_reported(ema, bag_of, recorded, tmp_path):
     path = history_path(tmp_path, *FLAP.unit_key)
     history = History(*FLAP.unit_key, path)
-    for number, one in enumerate(recorded[1]):
-        history.append(Entry(one.estimate, float(number), number + 1))
+    for number, diagnosed in enumerate(recorded[1]):
+        history.append(Entry(diagnosed.estimate, float(number), number + 1))
     history.close()
     bag = bag_of()
     result = ema("verify", path, "--bag", bag)
@@ -222,10 +224,10 @@ def test_history_is_recomputed_and_alterations_are_reported(ema, bag_of, recorde
     before = path.read_bytes()
     result = ema("verify", path, "--bag", bag, "--json")
     assert (result.exit_code, path.read_bytes()) == (3, before)
-    found = json.loads(result.stdout)
-    assert (found[0]["state"], found[0]["window"]) == ("altered", None)
-    assert "test 2 is damaged: its checksum is wrong" in found[0]["reason"]
-    assert len(found) == 3
+    reported = json.loads(result.stdout)
+    assert (reported[0]["state"], reported[0]["window"]) == ("altered", None)
+    assert "test 2 is damaged: its checksum is wrong" in reported[0]["reason"]
+    assert len(reported) == 3
 
 
 def test_quantities_of_a_record_are_compared_bit_for_bit():
@@ -235,8 +237,8 @@ def test_quantities_of_a_record_are_compared_bit_for_bit():
         "identical"
     )
     # The faults are unchanged: inertia is not a fault.
-    other = reported.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
-    assert (other.state, other.difference) == ("different", pytest.approx(0.01))
+    altered = reported.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
+    assert (altered.state, altered.difference) == ("different", pytest.approx(0.01))
     hidden = reported.compared(
         compared(CASES["healthy"]), compared(CASES["healthy"], comparison=None)
     )

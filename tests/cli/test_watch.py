@@ -87,8 +87,8 @@ def alive(_place: str, _author: str) -> bool:
 def received(*healths: Health) -> LatestHealths:
     """Return the latest healths, all received at 0 s."""
     latest = LatestHealths()
-    for one in healths:
-        latest.add_health("/ema", one, 0.0, TEST_NS)
+    for health in healths:
+        latest.add_health("/ema", health, 0.0, TEST_NS)
     return latest
 
 
@@ -124,9 +124,9 @@ def test_row_shows_value_life_and_removal():
 
 def test_actuator_is_stale_while_its_monitor_is_silent():
     healths = received(health_of("a", ERROR, None), health_of("b", WARN, None))
-    other = health_of("c", OK, None)
-    other.author = "/ema/monitor_1"
-    healths.add_health("/ema", other, 0.0, TEST_NS)
+    duplicate = health_of("c", OK, None)
+    duplicate.author = "/ema/monitor_1"
+    healths.add_health("/ema", duplicate, 0.0, TEST_NS)
     is_silent = {("/ema", "/ema/monitor"), ("/right", "/ema/monitor_1")}.__contains__
     rows = healths.rows(1.0, TEST_NS, lambda *monitor: is_silent(monitor))
     levels = {row.actuator_id: (row.level, row.last_level) for row in rows}
@@ -174,8 +174,8 @@ def test_record_without_a_judgement_is_reported_and_has_no_index():
     [row] = healths.rows(3.0, TEST_NS, alive)
     assert row.why == f"last test refused: {STILL}"
     # An unknown index is the most urgent of its level.
-    others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS, alive)
-    assert [one.actuator_id for one in others] == ["flap", "b"]
+    rows = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS, alive)
+    assert [item.actuator_id for item in rows] == ["flap", "b"]
 
 
 def counted(windows: int, valid: int, invalid: int = 0) -> list[TelemetryStatus]:
@@ -215,9 +215,9 @@ def test_playback_is_complete_when_the_monitors_of_all_namespaces_have_finished(
 
 def test_passing_of_time_is_not_a_change():
     healths = received(health_of("a", WARN, (20.0, 80.0, 100.0)))
-    [one], [other] = healths.rows(1.0, TEST_NS, alive), healths.rows(2.0, TEST_NS + 10**9, alive)
-    assert one.content == other.content
-    assert one.test_age_s != other.test_age_s
+    [before], [after] = healths.rows(1.0, TEST_NS, alive), healths.rows(2.0, TEST_NS + 10**9, alive)
+    assert before.content == after.content
+    assert before.test_age_s != after.test_age_s
 
 
 def test_age_of_a_stamp_of_another_clock_counts_from_reception():

@@ -80,9 +80,9 @@ class TestMoves:
         assert np.mean(speed == 0.0) > 0.05
 
     def test_are_reproducible_by_their_seed(self):
-        one, same, other = (Command("moves", seed=seed).sample(H) for seed in (3, 3, 4))
-        np.testing.assert_array_equal(one, same)
-        assert np.any(one != other)
+        first, same, different = (Command("moves", seed=seed).sample(H) for seed in (3, 3, 4))
+        np.testing.assert_array_equal(first, same)
+        assert np.any(first != different)
 
     def test_need_a_maximum_speed(self):
         with pytest.raises(ValueError, match=r"rate = 0 rad/s: expected a positive speed"):

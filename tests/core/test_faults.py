@@ -56,10 +56,11 @@ def test_registry_is_complete():
     for fault in FAULTS:
         assert (fault.limit is None) == (fault.growth is None) == (fault.damage is None)
         assert fault.mismatch > 0.0
-        alike = [one for one in FAULTS if one.kind == fault.kind]
+        alike = [sibling for sibling in FAULTS if sibling.kind == fault.kind]
         assert all(
-            (one.limit, one.growth, one.highest) == (fault.limit, fault.growth, fault.highest)
-            for one in alike
+            (sibling.limit, sibling.growth, sibling.highest)
+            == (fault.limit, fault.growth, fault.highest)
+            for sibling in alike
         )
     assert [fault.name for fault in FAULTS if fault.is_two_sided and fault.limit] == ["gain"]
 

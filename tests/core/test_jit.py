@@ -18,10 +18,10 @@ def test_digest_follows_the_sources_that_a_module_imports(tmp_path, monkeypatch)
     folder = tmp_path / PROBE
     (folder / "deep").mkdir(parents=True)
 
-    def digest(inner: str, **others: str) -> str:
+    def digest(inner: str, **additional: str) -> str:
         """Return the digest of a module that imports a module with the given source."""
         sources = {"__init__": "", "outer": f"from {PROBE} import (\n    inner,\n)\n"}
-        for name, text in {**sources, "inner": inner, **others}.items():
+        for name, text in {**sources, "inner": inner, **additional}.items():
             (folder / f"{name}.py").write_text(text)
         source_digest_module._source.cache_clear()
         return source_digest_module.source_digest([f"{PROBE}.outer"])

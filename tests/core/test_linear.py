@@ -14,18 +14,20 @@ SCREW = {"lead": 0.005, "tau": 0.1}
 
 
 def test_parameters_in_mm_and_n_equal_those_of_the_rotary_motor():
-    given = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
-    found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg"})
+    parameters = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
+    converted = in_si(SCREW | parameters | {"C_u": "50 N.s/m", "J_u": "12 kg"})
     # 5 mm are 1 turn of the screw and 10 turns of the motor.
-    assert found["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
-    assert found["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
+    assert converted["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
+    assert converted["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
     assert in_si({"lead": "5 mm"}) == {"lead": 0.005}
-    assert found["BLK"] == pytest.approx(0.04 * 2.0 * math.pi)
+    assert converted["BLK"] == pytest.approx(0.04 * 2.0 * math.pi)
     # The work of a force along the lead equals the work of the torque over ten turns.
-    assert found["f_su"] * 10.0 * 2.0 * math.pi == pytest.approx(200.0 * 0.005)
+    assert converted["f_su"] * 10.0 * 2.0 * math.pi == pytest.approx(200.0 * 0.005)
     # The same holds for the kinetic energy, and for the power lost to damping.
-    assert 0.5 * found["J_u"] * found["omega_max"] ** 2 == pytest.approx(0.5 * 12.0 * 0.1**2)
-    assert found["C_u"] * found["omega_max"] ** 2 == pytest.approx(50.0 * 0.1**2)
+    assert 0.5 * converted["J_u"] * converted["omega_max"] ** 2 == pytest.approx(
+        0.5 * 12.0 * 0.1**2
+    )
+    assert converted["C_u"] * converted["omega_max"] ** 2 == pytest.approx(50.0 * 0.1**2)
 
 
 @pytest.mark.parametrize(

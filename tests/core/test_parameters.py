@@ -165,9 +165,9 @@ def test_built_in_actuator_has_no_remarks():
     ],
 )
 def test_parameter_changed_without_its_coupled_parameters_is_named(changed, named):
-    found = described(**changed).remarks
-    assert {remark.split(" = ")[0] for remark in found} == named
-    assert all("usually " in remark for remark in found)
+    remarks = described(**changed).remarks
+    assert {remark.split(" = ")[0] for remark in remarks} == named
+    assert all("usually " in remark for remark in remarks)
 
 
 def test_torque_and_voltage_constant_of_a_sinusoidal_motor_differ_by_half_of_root_three():

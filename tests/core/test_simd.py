@@ -68,11 +68,13 @@ def test_lanes_give_the_same_results_as_arrays():
     )
     with np.errstate(all="ignore"):
         expected = of_arrays(A, B)
-    for name, one, other in zip(OPERATIONS, in_lanes(of_lanes, A, B).T, expected, strict=True):
-        np.testing.assert_array_equal(one, other, err_msg=name)
+    for name, actual, reference in zip(
+        OPERATIONS, in_lanes(of_lanes, A, B).T, expected, strict=True
+    ):
+        np.testing.assert_array_equal(actual, reference, err_msg=name)
         # The sign of zeros is equal, too.
-        numbers = ~np.isnan(other)
-        assert np.array_equal(np.signbit(one[numbers]), np.signbit(other[numbers])), name
+        numbers = ~np.isnan(reference)
+        assert np.array_equal(np.signbit(actual[numbers]), np.signbit(reference[numbers])), name
 
 
 def test_variable_may_be_initialised_with_a_number():

@@ -49,7 +49,7 @@ def test_work_that_ends_unexpectedly_is_restarted_and_reported(
     for _ in range(4):
         assert begun.acquire(timeout=DEADLINE_S)
     assert thread.ends == 3
-    assert [f"the test thread has ended: {reason}" in one for one in reported] == [True] * 3
+    assert [f"the test thread has ended: {reason}" in text for text in reported] == [True] * 3
     assert thread.failure == reported[-1]
     assert "3 ends so far" in thread.failure
     thread.end()

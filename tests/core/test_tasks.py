@@ -67,12 +67,17 @@ def test_threads_give_one_outcome_per_task_and_take_items_only_as_needed(work):
         outcomes = workers.run(work.square, items())
         first = next(outcomes)
         assert len(taken) <= 2 * 2 + 3
-        found = {one.item: one.result() for one in (first, *outcomes)}
-        assert found == {number: number**2 for number in range(100)}
+        results = {outcome.item: outcome.result() for outcome in (first, *outcomes)}
+        assert results == {number: number**2 for number in range(100)}
         part = workers.run(work.square, range(10))
         next(part)
         part.close()
-        assert {one.item for one in workers.run(work.square, range(10, 14))} == {10, 11, 12, 13}
+        assert {outcome.item for outcome in workers.run(work.square, range(10, 14))} == {
+            10,
+            11,
+            12,
+            13,
+        }
 
 
 def test_error_of_a_task_becomes_its_outcome(work):
@@ -99,16 +104,18 @@ def test_interrupted_process_pool_ends_without_an_error(work):
 def test_killed_worker_loses_no_task(work, tmp_path):
     once, always = tmp_path / "once", tmp_path / "always"
     with Workers("processes", 2) as workers:
-        outcomes = {one.item: one for one in workers.run(work.act, [once, always, *range(6)])}
+        outcomes = {
+            outcome.item: outcome for outcome in workers.run(work.act, [once, always, *range(6)])
+        }
         assert [outcomes[number].value for number in range(6)] == [0, 1, 4, 9, 16, 25]
         assert outcomes[once].value == "done"
         assert isinstance(outcomes[always].error, WorkerLostError)
         assert 2 <= len(always.read_text()) <= 3
         # Workers that are killed while idle are replaced.
-        pids = {one.result() for one in workers.run(work.own_pid, range(4))}
+        pids = {outcome.result() for outcome in workers.run(work.own_pid, range(4))}
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
-        assert not pids & {one.result() for one in workers.run(work.own_pid, range(4))}
+        assert not pids & {outcome.result() for outcome in workers.run(work.own_pid, range(4))}
 
 
 @pytest.mark.slow
@@ -136,16 +143,16 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("settings", "message"),
     [
         (("cluster", 2), "executor 'cluster' is unknown; known: processes, threads, dask"),
         (("threads", 0), "workers = 0: expected at least 1"),
         (("threads", 1, "tcp://x:1"), "--scheduler tcp://x:1 requires the executor dask, not"),
     ],
 )
-def test_impossible_workers_are_refused(given, message):
+def test_impossible_workers_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        Workers(*given)
+        Workers(*settings)
 
 
 def run_script(folder: Path, body: str, *arguments: object) -> str:
@@ -172,9 +179,9 @@ def run_script(folder: Path, body: str, *arguments: object) -> str:
 
 
 def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
 
 
 @pytest.mark.long

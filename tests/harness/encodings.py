@@ -13,14 +13,14 @@ def calls_without_encoding(source: str) -> Iterator[tuple[int, str]]:
         if not isinstance(call, ast.Call):
             continue
         name = getattr(call.func, "attr", getattr(call.func, "id", ""))
-        given = {keyword.arg for keyword in call.keywords}
-        if "encoding" in given or None in given:
+        keywords = {keyword.arg for keyword in call.keywords}
+        if "encoding" in keywords or None in keywords:
             continue
-        if _is_text(call, name, given):
+        if _is_text(call, name, keywords):
             yield call.lineno, name
 
 
-def _is_text(call: ast.Call, name: str, given: set[str | None]) -> bool:
+def _is_text(call: ast.Call, name: str, keywords: set[str | None]) -> bool:
     is_method = isinstance(call.func, ast.Attribute)
     if name == "read_text":
         return not call.args

@@ -14,12 +14,12 @@ FOLDERS = ("ema_*", "ros2_ws/src/*", "tools", "benchmarks")
 def test_every_call_specifies_the_encoding_of_text():
     files = [file for folder in FOLDERS for file in ROOT.glob(f"{folder}/**/*.py")]
     assert len(files) > 300
-    found = [
+    open_calls = [
         f"{file.relative_to(ROOT)}:{line}: {name}"
         for file in files
         for line, name in calls_without_encoding(file.read_text(encoding="utf-8"))
     ]
-    assert found == []
+    assert open_calls == []
 
 
 @pytest.mark.parametrize(

@@ -14,20 +14,29 @@ STATES = ("normal", "backlash1", "spalling1")
 def test_healthy_trials_are_compared_with_others_and_faulty_trials_once_per_number_of_days():
     real = benchmark("real")
     trials = [real.Trial(s, load, n) for s in STATES for load in real.LOADS for n in real.TRIALS]
-    found = real.comparisons(trials)
-    counts = Counter((one.days, test) for one in found if not one.labelled for test in one.tests)
-    for one in found:
-        assert len(one.healthy) == one.days
-        for test in one.tests:
-            assert test.load == one.load
-            assert test.state != real.HEALTHY or test.number not in one.healthy
-            assert test not in one.labelled
-            assert all(test.number != other.number for other in one.labelled)
+    comparisons = real.comparisons(trials)
+    counts = Counter(
+        (comparison.days, test)
+        for comparison in comparisons
+        if not comparison.labelled
+        for test in comparison.tests
+    )
+    for comparison in comparisons:
+        assert len(comparison.healthy) == comparison.days
+        for test in comparison.tests:
+            assert test.load == comparison.load
+            assert test.state != real.HEALTHY or test.number not in comparison.healthy
+            assert test not in comparison.labelled
+            assert all(test.number != example.number for example in comparison.labelled)
     for days in real.DAYS:
-        faulty = [counts[days, one] for one in trials if one.state != real.HEALTHY]
+        faulty = [
+            counts[days, comparison] for comparison in trials if comparison.state != real.HEALTHY
+        ]
         assert set(faulty) == {1}
     # Each trial, healthy ones included, is left out of the labels once.
-    left_out = Counter(test for one in found if one.labelled for test in one.tests)
+    left_out = Counter(
+        test for comparison in comparisons if comparison.labelled for test in comparison.tests
+    )
     assert left_out == Counter(trials)
 
 

@@ -131,13 +131,13 @@ def test_odrive_messages_give_the_telemetry_except_for_its_stamps(telemetry, tmp
             ),
         }
     )
-    found = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
-    [run] = found.runs
-    expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
+    recording = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
+    [run] = recording.runs
+    expected = np.column_stack([getattr(telemetry, name) for name in recording.stream.filled])
     # The messages have single precision.
     assert run.values == pytest.approx(expected, rel=1e-6, abs=1e-6)
-    assert {item.name for item in found.defects} == {"stamps_rebuilt", "position_at_motor"}
-    assert found.description.acquisition.current == "instantaneous"
+    assert {item.name for item in recording.defects} == {"stamps_rebuilt", "position_at_motor"}
+    assert recording.description.acquisition.current == "instantaneous"
 
 
 def test_mapping_of_a_bag_has_the_command_that_the_joint_follows(telemetry, tmp_path):

@@ -198,9 +198,9 @@ def test_a_few_non_finite_samples_are_a_note():
 
 def joint_bridge(of=None, **settings):
     """Return a bridge of a joint with an unknown controller and without a command."""
-    given = of or mapping(command=None)
+    mapped = of or mapping(command=None)
     description = joint(200.0)
-    return Bridge(given, description, BridgeSettings(**settings))
+    return Bridge(mapped, description, BridgeSettings(**settings))
 
 
 def send_moves(

@@ -28,8 +28,8 @@ def found(telemetry, columns, mapped):
         for name, change in changes.items():
             values = columns[name]
             spoiled[name] = change(values) if callable(change) else values * change
-        own = find_defects(spoiled, telemetry.stamps_ns, mapping or mapped(), FLAP)
-        return [*not_finite(spoiled), *own]
+        defects = find_defects(spoiled, telemetry.stamps_ns, mapping or mapped(), FLAP)
+        return [*not_finite(spoiled), *defects]
 
     return find
 

@@ -41,14 +41,14 @@ class Graph:
         self.now_ns = 0
 
     def run(self, messages, steps=30):
-        found = []
+        joints = []
         for _ in range(steps):
             self.now_ns += STEP_NS
             for topic, message in messages.items():
                 kind = getattr(message, "kind", JOINT_STATE)
                 self.finder.add(topic, kind, message, self.now_ns)
-            found += self.finder.found(self.now_ns)
-        return found
+            joints += self.finder.found(self.now_ns)
+        return joints
 
 
 def dynamic(names, **interfaces):
@@ -107,8 +107,8 @@ def test_joint_that_appears_later_does_not_disturb_the_others():
 
 
 def test_robots_in_namespaces_may_have_joints_of_the_same_name():
-    found = Graph().run({"/left/joint_states": state("a"), "/right/joint_states": state("a")})
-    assert names_of(found) == ["left/a", "right/a"]
+    joints = Graph().run({"/left/joint_states": state("a"), "/right/joint_states": state("a")})
+    assert names_of(joints) == ["left/a", "right/a"]
 
 
 def test_commands_belong_to_the_robot_of_their_namespace():
@@ -117,9 +117,9 @@ def test_commands_belong_to_the_robot_of_their_namespace():
         "/left/joint_states": state("a"),
         "/left/joint_commands": state("a"),
     }
-    found = {names_of([group])[0]: group.mapping for group in Graph().run(messages)}
-    assert found["a"].command is None
-    command = found["left/a"].command
+    mappings = {names_of([group])[0]: group.mapping for group in Graph().run(messages)}
+    assert mappings["a"].command is None
+    command = mappings["left/a"].command
     assert command is not None
     assert command.topic == "/left/joint_commands"
     assert is_command("/left/joint_commands")
@@ -195,15 +195,15 @@ def test_interface_values_provide_what_joint_states_lack():
     assert mapping.current.source.endswith("[interface_names=torque]")
     assert mapping.temperature is not None
     assert reads_joint_states(mapping)
-    [found] = Graph().run({"/dynamic_joint_states": dynamic("a", position=0.5, current=1.0)})
-    assert found.mapping.current is not None
-    assert found.mapping.current.unit == "A"
+    [joint] = Graph().run({"/dynamic_joint_states": dynamic("a", position=0.5, current=1.0)})
+    assert joint.mapping.current is not None
+    assert joint.mapping.current.unit == "A"
 
 
 def test_controllers_provide_joints_that_no_joint_state_has():
-    found = Graph().run({"/left/elbow_pid/controller_state": pid("elbow")})
-    assert names_of(found) == ["left/elbow"]
-    [group] = found
+    joints = Graph().run({"/left/elbow_pid/controller_state": pid("elbow")})
+    assert names_of(joints) == ["left/elbow"]
+    [group] = joints
     assert group.mapping.command is not None
     assert group.mapping.command.source == "dof_state.reference"
     assert group.mapping.current is None
@@ -215,8 +215,8 @@ def test_command_of_a_pid_controller_belongs_to_the_joint_of_its_robot():
         "/right/joint_states": state("a"),
         "/left/a_pid/controller_state": pid("a"),
     }
-    found = Graph().run(messages)
-    by_name = {name: group.mapping for group in found for name in group.names.values()}
+    joints = Graph().run(messages)
+    by_name = {name: group.mapping for group in joints for name in group.names.values()}
     assert sorted(by_name) == ["left/a", "right/a"]
     assert by_name["right/a"].command is None
     assert by_name["left/a"].command is not None

@@ -179,8 +179,8 @@ def converted(raw, description=FLAP, **sections):
     ],
 )
 def test_angles_are_those_of_the_user_shaft(section, raw, expected):
-    found = converted({"position": raw}, position={"source": "p", **section})["position"]
-    assert found[0] == pytest.approx(expected, rel=1e-15)
+    angle = converted({"position": raw}, position={"source": "p", **section})["position"]
+    assert angle[0] == pytest.approx(expected, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -193,8 +193,8 @@ def test_angles_are_those_of_the_user_shaft(section, raw, expected):
     ],
 )
 def test_speeds_are_those_of_the_motor_shaft(section, expected):
-    found = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
-    assert found[0] == pytest.approx(expected, rel=1e-15)
+    speed = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
+    assert speed[0] == pytest.approx(expected, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -215,10 +215,12 @@ def test_registers_of_drives_are_read_within_half_a_count(telemetry, name, count
     }
     raw = {key: np.round(value) % 2.0**32 for key, value in values.items()}
     raw["current"] = np.round(telemetry.current / current) % 2.0**16
-    found = convert(raw, load_mapping(SHIPPED / f"{name}.yaml"), FLAP)
+    columns = convert(raw, load_mapping(SHIPPED / f"{name}.yaml"), FLAP)
     for key, count in zip((*values, "current"), (angle, *counts), strict=True):
         expected = getattr(telemetry, key)
-        np.testing.assert_allclose(found[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key)
+        np.testing.assert_allclose(
+            columns[key], expected, rtol=1e-9, atol=0.501 * count, err_msg=key
+        )
 
 
 def test_lead_comes_from_the_length_unit_or_the_description():
@@ -246,13 +248,13 @@ def test_magnitude_of_a_current_has_the_sign_of_the_motion():
 
 
 def test_command_follows_from_the_position_error():
-    found = converted({"position": 0.3, "error": 0.2}, command=None, error="e")
-    assert found["command"][0] == 0.5
+    columns = converted({"position": 0.3, "error": 0.2}, command=None, error="e")
+    assert columns["command"][0] == 0.5
 
 
 def test_unmapped_columns_are_empty():
-    found = converted({})
-    assert (len(found["speed"]), len(found["current"])) == (0, 0)
+    columns = converted({})
+    assert (len(columns["speed"]), len(columns["current"])) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -265,21 +267,21 @@ def test_unmapped_columns_are_empty():
     ],
 )
 def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expected):
-    found = converted({"current": raw}, current={"source": "i", **section})["current"]
-    assert found[0] == pytest.approx(expected, rel=1e-14)
+    current = converted({"current": raw}, current={"source": "i", **section})["current"]
+    assert current[0] == pytest.approx(expected, rel=1e-14)
 
 
 def test_conventions_of_i_q_give_the_same_torque():
     """Each convention expresses 1 A peak differently; the constant refers to i_q (M33)."""
     drive = replace(FLAP, drive="field_oriented")
     counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
-    found = [
+    currents = [
         converted(
             {"current": raw}, drive, current={"source": "i", "kind": "i_q", "amplitude": name}
         )
         for name, raw in counted.items()
     ]
-    assert [item["current"][0] for item in found] == pytest.approx([1.0] * 3)
+    assert [item["current"][0] for item in currents] == pytest.approx([1.0] * 3)
 
 
 def phases(angle):
@@ -295,8 +297,8 @@ def test_phase_currents_of_a_sinusoidal_motor_give_i_q_at_any_angle(count):
         raw = phases(angle)
         if count == 2:
             del raw["phase_c"]
-        found = converted(raw, drive, current=section)["current"]
-        assert found[0] == pytest.approx(-1.0, rel=1e-12)
+        current = converted(raw, drive, current=section)["current"]
+        assert current[0] == pytest.approx(-1.0, rel=1e-12)
 
 
 def test_phase_currents_of_a_six_step_motor_give_half_the_sum_of_magnitudes():

@@ -67,9 +67,9 @@ def examined(tmp_path, **more):
     ],
 )
 def test_payload_of_a_table_is_recognised_by_its_name_for_all_joints(tmp_path, name, make):
-    found = examined(tmp_path, **{name: make})
-    assert [item.joint for item in found] == ["a", "b"]
-    for item in found:
+    joints = examined(tmp_path, **{name: make})
+    assert [item.joint for item in joints] == ["a", "b"]
+    for item in joints:
         assert item.mapping.payload is not None
         assert item.mapping.payload.source == name
         assert mapping_from(yaml.safe_load(mapping_text(item.mapping))) == item.mapping
@@ -93,8 +93,8 @@ def test_other_columns_are_not_a_payload(tmp_path, name, make):
 
 
 def test_two_possible_payload_columns_leave_the_choice_open(tmp_path):
-    found = examined(tmp_path, payload_left=grips, payload_right=grips)
-    assert all(item.mapping.payload is None for item in found)
+    joints = examined(tmp_path, payload_left=grips, payload_right=grips)
+    assert all(item.mapping.payload is None for item in joints)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_payload_is_imported_without_interpolated_values(mapped, jitter_ns):
     payload = grips(len(stamps), 2.0)
     stamps = stamps + np.random.default_rng(0).integers(-jitter_ns, jitter_ns + 1, len(stamps))
     series = Series(stamps, stamps, {**columns, "payload": payload.astype(np.float64)})
-    found = import_series({"": series}, mapped(payload="g"), joint(RATE_HZ))
-    blocks = list(found.blocks())
+    recording = import_series({"": series}, mapped(payload="g"), joint(RATE_HZ))
+    blocks = list(recording.blocks())
     held = np.concatenate([block.payload for block in blocks])
     assert set(held) == {0.0, 2.0}
     assert np.mean(held) == pytest.approx(1.0, abs=0.01)
@@ -200,8 +200,8 @@ def test_all_joints_read_the_payload_live(payload, message):
             states.share()
             for number, bridge in enumerate(bridges):
                 blocks[number] += bridge.advance()
-    for found in blocks:
-        values = np.concatenate([block.payload for block in found]) > 0.0
+    for joint_blocks in blocks:
+        values = np.concatenate([block.payload for block in joint_blocks]) > 0.0
         assert len(values) > 0.9 * len(held)
         # Before the first message, the payload is unknown.
         first = int(np.argmax(held))
@@ -228,11 +228,11 @@ def test_joints_on_topics_have_the_payload_of_their_robot():
             topics.add("/r/alarm", "std_msgs/msg/Bool", flag, 0, stamp_ns)
             topics.add("/s/payload", "std_msgs/msg/Bool", flag, 0, stamp_ns)
     assert set(topics.topics) == {"/r/joint_states", "/r/payload", "/s/payload"}
-    [found] = topics.joints()
-    mapping = found.guess.mapping
+    [joint_found] = topics.joints()
+    mapping = joint_found.guess.mapping
     assert mapping.payload is not None
     assert mapping.payload.topic == "/r/payload"
     assert mapping.command is None
-    imported = import_series(found.by_topic, mapping, joint(RATE_HZ))
+    imported = import_series(joint_found.by_topic, mapping, joint(RATE_HZ))
     values = np.concatenate([block.payload for block in imported.blocks()]) > 0.0
     assert np.mean(values == held) > 0.9

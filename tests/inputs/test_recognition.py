@@ -154,18 +154,18 @@ def test_following_error_is_not_mistaken_for_a_speed(guessed):
 
 
 def test_each_joint_has_its_columns(motion):
-    other, _ = moves(20.0, travel=0.2, seed=3)
+    second, _ = moves(20.0, travel=0.2, seed=3)
     shift = 130  # Its cycles do not coincide with those of the first joint.
     names = {
         "a_pos": motion["position"],
-        "b_pos": np.roll(other["position"], shift),
-        "b_vel": np.roll(TAU * other["speed"], shift),
+        "b_pos": np.roll(second["position"], shift),
+        "b_vel": np.roll(TAU * second["speed"], shift),
         "a_vel": motion["speed"],
-        "b_eff": np.roll(other["current"], shift),
+        "b_eff": np.roll(second["current"], shift),
         "a_eff": motion["current"],
     }
-    found = Recognizer(names, 0.005, hint_of).joints()
-    columns = [{key: item.name[0] for key, item in joint.columns.items()} for joint in found]
+    joints = Recognizer(names, 0.005, hint_of).joints()
+    columns = [{key: item.name[0] for key, item in joint.columns.items()} for joint in joints]
     assert sorted(columns, key=lambda item: item["position"]) == [
         dict.fromkeys(("position", "speed", "effort"), "a"),
         dict.fromkeys(("position", "speed", "effort"), "b"),

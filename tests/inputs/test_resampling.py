@@ -45,8 +45,8 @@ def test_rate_is_measured_despite_losses_jitter_and_coarse_stamps():
     kept = stamps[np.sort(rng.choice(5000, 4700, replace=False))]
     coarse = kept // 1_000_000 * 1_000_000
     noisy = kept + np.rint(rng.normal(0.0, 2e5, len(kept))).astype(np.int64)
-    for given in (kept, coarse, noisy):
-        assert 1.0 / find_rate(given).period == 400.0
+    for jittered in (kept, coarse, noisy):
+        assert 1.0 / find_rate(jittered).period == 400.0
 
 
 def test_regular_samples_stay_bit_identical():

@@ -284,7 +284,7 @@ def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scale
     got = import_series(
         {"": Series(telemetry.stamps_ns, telemetry.stamps_ns, columns)}, mapped(), described(1000)
     )
-    repeats, *others = got.defects
+    repeats, *remaining = got.defects
     assert repeats.name == "values_repeat"
     assert f"{held} times" in repeats.text
     is_whole = len(names) == 3
@@ -293,4 +293,4 @@ def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scale
     words = " ".join(str(item.remedy) for item in got.defects)
     assert "tau" not in words
     assert "scale" not in words
-    assert all(item.name == "gear_ratio" and "too slow" in item.remedy for item in others)
+    assert all(item.name == "gear_ratio" and "too slow" in item.remedy for item in remaining)

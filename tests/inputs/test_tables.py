@@ -38,19 +38,19 @@ def rows(separator, decimal="."):
 def test_separator_and_decimal_sign_are_detected(tmp_path, separator, decimal):
     head = separator.join(["t", "pos", "cur"])
     path = written(tmp_path / "a.csv", f"{head}\n{rows(separator, decimal)}")
-    found = read_columns(path)
-    assert list(found.values) == ["t", "pos", "cur"]
-    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
-    assert found.format == Table(separator, decimal)
+    columns = read_columns(path)
+    assert list(columns.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(columns.values.values())), VALUES)
+    assert columns.format == Table(separator, decimal)
 
 
 def test_units_are_in_names_or_in_a_separate_line(tmp_path):
     path = written(tmp_path / "a.csv", f"t [ms];pos (deg);cur\n{rows(';')}")
     assert read_columns(path).units == {"t [ms]": "ms", "pos (deg)": "deg"}
     path = written(tmp_path / "b.csv", f"t;pos;cur\n[ms];[deg];[A]\n{rows(';')}")
-    found = read_columns(path)
-    assert found.units == {"t": "ms", "pos": "deg", "cur": "A"}
-    assert len(found) == 3
+    columns = read_columns(path)
+    assert columns.units == {"t": "ms", "pos": "deg", "cur": "A"}
+    assert len(columns) == 3
 
 
 def test_preamble_and_comments_are_skipped(tmp_path):
@@ -66,13 +66,13 @@ def test_encodings_of_spreadsheets_are_read(tmp_path, encoding):
 
 def test_empty_cells_become_nan_and_texts_are_no_columns(tmp_path):
     path = written(tmp_path / "a.csv", "t;pos;state\n0;1,5;on\n1;;on\n2;3,5;no\n3;x;no\n4;5,5;no\n")
-    found = read_columns(path)
-    assert list(found.texts["state"]) == ["on", "on", "no", "no", "no"]
-    assert str(found.values["pos"]) == "[1.5 nan 3.5 nan 5.5]"
+    columns = read_columns(path)
+    assert list(columns.texts["state"]) == ["on", "on", "no", "no", "no"]
+    assert str(columns.values["pos"]) == "[1.5 nan 3.5 nan 5.5]"
     with pytest.raises(ValueError, match="column 'state' contains no numbers"):
-        found.column("state")
+        columns.column("state")
     with pytest.raises(ValueError, match="unknown column 'poss'; did you mean 'pos'"):
-        found.column("poss")
+        columns.column("poss")
 
 
 @pytest.mark.parametrize("text", ["", "hello\nworld\n", "\0\1\2\3"])
@@ -89,10 +89,10 @@ def test_stamps_are_exact_for_integers_and_for_the_last_digits_of_seconds():
 
 def test_dates_are_read_as_stamps(tmp_path):
     text = "when,p,c\n2026-01-01T00:00:00.001Z,0,0\n2026-01-01T00:00:00.002Z,1,1\n"
-    found = read_columns(written(tmp_path / "a.csv", text))
+    columns = read_columns(written(tmp_path / "a.csv", text))
     mapping = mapping_from({"position": "p", "command": "c", "clock": "when"})
-    assert np.diff(table_series(found, mapping).stamps_ns)[0] == 1_000_000
-    assert found.dates == ("when",)
+    assert np.diff(table_series(columns, mapping).stamps_ns)[0] == 1_000_000
+    assert columns.dates == ("when",)
 
 
 def test_missing_times_are_rebuilt_from_neighbouring_rows(tmp_path):
@@ -118,10 +118,10 @@ def test_parquet_gives_the_same_columns(tmp_path):
     frame["state"] = "on"
     frame["when"] = pd.to_datetime([1, 2, 3], unit="ms", utc=True)
     frame.to_parquet(tmp_path / "a.parquet")
-    found = read_columns(tmp_path / "a.parquet")
-    assert np.array_equal(np.column_stack([found.values[n] for n in ("t", "pos", "cur")]), VALUES)
-    assert (list(found.texts), found.dates) == (["state"], ("when",))
-    assert list(found.values["when"]) == [1_000_000, 2_000_000, 3_000_000]
+    columns = read_columns(tmp_path / "a.parquet")
+    assert np.array_equal(np.column_stack([columns.values[n] for n in ("t", "pos", "cur")]), VALUES)
+    assert (list(columns.texts), columns.dates) == (["state"], ("when",))
+    assert list(columns.values["when"]) == [1_000_000, 2_000_000, 3_000_000]
     (tmp_path / "b.parquet").write_text("no")
     with pytest.raises(ValueError, match=r"b\.parquet is not a Parquet file"):
         read_columns(tmp_path / "b.parquet")
@@ -259,15 +259,15 @@ def test_mapping_is_guessed(guessed, columns, sections, clock):
 @pytest.mark.parametrize("name", ["current_mA", "i_mA", "Current mA", "current_A", "Current [A]"])
 def test_unit_in_the_name_of_a_current_is_recognised(guessed, name):
     factor = 1000.0 if "mA" in name else 1.0
-    found = guessed(**{"t": ("t", 1), "pos": ("p", 1), "cmd": ("c", 1), name: ("i", factor)})
-    assert found.mapping.current.unit == ("mA" if "mA" in name else "A")
+    guess = guessed(**{"t": ("t", 1), "pos": ("p", 1), "cmd": ("c", 1), name: ("i", factor)})
+    assert guess.mapping.current.unit == ("mA" if "mA" in name else "A")
 
 
 def test_torque_at_the_joint_is_recognised_by_its_size(guessed):
     p = FLAP.parameters
-    found = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), torque=("i", p.k_t / p.tau))
-    assert found.mapping.current is not None
-    assert found.mapping.current.kind == "joint_torque"
+    guess = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), torque=("i", p.k_t / p.tau))
+    assert guess.mapping.current is not None
+    assert guess.mapping.current.kind == "joint_torque"
 
 
 def test_guesses_are_reported(guessed):
@@ -279,9 +279,9 @@ def test_guesses_are_reported(guessed):
 
 
 def test_effort_that_never_changes_counts_as_not_measured(guessed):
-    found = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), effort=("i", 0.0))
-    assert found.mapping.current is None
-    assert any("current never changes" in item for item in remarks_of(found))
+    guess = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), effort=("i", 0.0))
+    assert guess.mapping.current is None
+    assert any("current never changes" in item for item in remarks_of(guess))
 
 
 def test_table_without_a_command_is_refused_with_its_columns(guessed):
@@ -290,14 +290,14 @@ def test_table_without_a_command_is_refused_with_its_columns(guessed):
 
 
 def test_columns_of_two_joints_are_not_mixed(guessed):
-    found = guessed(
+    guess = guessed(
         t=("t", 1.0),
         right_command=("c", 0.5),
         left_pos=("p", 1.0),
         left_command=("c", 1.0),
         right_pos=("p", 0.5),
     )
-    mapping = found.mapping
+    mapping = guess.mapping
     assert (mapping.position.source, mapping.command.source) == ("{joint}_pos", "{joint}_command")
     assert [text for _, text, _ in mapping.wanted()] == ["right_pos", "right_command"]
 
@@ -331,9 +331,9 @@ def test_unreadable_time_column_is_refused_unless_a_rate_is_given(
 def test_separator_at_the_end_of_each_line_keeps_the_names(tmp_path, separator, in_heading):
     lines = [f"{row}{separator}" for row in rows(separator).splitlines()]
     head = separator.join(["t", "pos", "cur"]) + separator * in_heading
-    found = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
-    assert list(found.values) == ["t", "pos", "cur"]
-    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+    columns = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
+    assert list(columns.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(columns.values.values())), VALUES)
 
 
 def frame_of(telemetry, start="2026-10-20T08:00"):
@@ -361,9 +361,9 @@ def test_time_since_the_start_is_read_in_seconds(telemetry, tmp_path):
     _, frame = frame_of(telemetry)
     index = pd.to_timedelta(telemetry.stamps_ns, unit="ns")
     frame.set_index(pd.TimedeltaIndex(index, name="elapsed")).to_parquet(tmp_path / "a.parquet")
-    found = read_columns(tmp_path / "a.parquet")
-    assert found.units["elapsed"] == "s"
-    np.testing.assert_allclose(found.values["elapsed"], 1e-9 * telemetry.stamps_ns, rtol=1e-12)
+    columns = read_columns(tmp_path / "a.parquet")
+    assert columns.units["elapsed"] == "s"
+    np.testing.assert_allclose(columns.values["elapsed"], 1e-9 * telemetry.stamps_ns, rtol=1e-12)
 
 
 def test_two_levels_of_headings_form_one_name(tmp_path):
@@ -471,10 +471,10 @@ def test_every_digit_of_a_plain_table_is_read_as_by_pandas(tmp_path):
         }
     )
     frame.to_csv(path := tmp_path / "a.csv", index=False)
-    found = read_columns(path)
+    columns = read_columns(path)
     for name in ("t", "x", "n"):
-        np.testing.assert_array_equal(found.values[name], frame[name].to_numpy())
-        assert found.values[name].dtype == frame[name].dtype
+        np.testing.assert_array_equal(columns.values[name], frame[name].to_numpy())
+        assert columns.values[name].dtype == frame[name].dtype
 
 
 @pytest.mark.parametrize("missing", [False, True])
@@ -504,24 +504,24 @@ def test_parquet_without_pandas_equals_parquet_read_by_pandas(
 def test_separators_at_the_end_of_lines_make_no_columns(tmp_path, separator, in_heading, in_rows):
     lines = [f"{row}{in_rows * separator}" for row in rows(separator).splitlines()]
     head = separator.join(["t", "pos", "cur"]) + in_heading * separator
-    found = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
-    assert list(found.values) == ["t", "pos", "cur"]
-    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+    columns = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
+    assert list(columns.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(columns.values.values())), VALUES)
 
 
 def test_lines_above_the_heading_are_not_data(tmp_path):
     about = "Logger;Version 3.1\nSerial;4711\nOperator;Ada;;\n\n"
     text = about + "t;pos;cur\n" + rows(";")
-    found = read_columns(written(tmp_path / "a.csv", text))
-    assert list(found.values) == ["t", "pos", "cur"]
-    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+    columns = read_columns(written(tmp_path / "a.csv", text))
+    assert list(columns.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(columns.values.values())), VALUES)
 
 
 def test_column_that_is_empty_at_first_keeps_its_name(tmp_path):
     late = [f"{0.01 * i},{i}," + ("7" if i > 450 else "") for i in range(500)]
-    found = read_columns(written(tmp_path / "a.csv", "\n".join(["t,pos,temp", *late, ""])))
-    assert list(found.values) == ["t", "pos", "temp"]
-    assert np.count_nonzero(np.isfinite(found.values["temp"])) == 49
+    columns = read_columns(written(tmp_path / "a.csv", "\n".join(["t,pos,temp", *late, ""])))
+    assert list(columns.values) == ["t", "pos", "temp"]
+    assert np.count_nonzero(np.isfinite(columns.values["temp"])) == 49
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
@@ -529,8 +529,8 @@ def test_tables_in_utf_16_are_read(tmp_path, encoding):
     text = "t,pos,cur\n" + rows(",")
     mark = "" if encoding == "utf-16" else "\ufeff"
     (tmp_path / "a.csv").write_bytes((mark + text).encode(encoding))
-    found = read_columns(tmp_path / "a.csv")
-    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+    columns = read_columns(tmp_path / "a.csv")
+    assert np.array_equal(np.column_stack(list(columns.values.values())), VALUES)
 
 
 def test_surplus_cell_is_named_with_its_line(tmp_path):
@@ -548,5 +548,5 @@ def test_table_without_numbers_shows_the_expected_format(tmp_path):
 
 def test_exponents_of_fortran_are_read(tmp_path):
     text = "t,pos\n" + "".join(f"{i},1.{i}D+01\n" for i in range(9))
-    found = read_columns(written(tmp_path / "a.csv", text))
-    assert found.values["pos"] == pytest.approx([10.0 + i for i in range(9)])
+    columns = read_columns(written(tmp_path / "a.csv", text))
+    assert columns.values["pos"] == pytest.approx([10.0 + i for i in range(9)])

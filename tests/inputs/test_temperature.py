@@ -40,53 +40,53 @@ def warming(n=2400):
 def test_temperature_in_any_unit_is_a_rise_over_20_celsius_once_per_second(
     mapped, unit, factor, addition
 ):
-    found = imported(mapped, series(warming(), factor, addition), unit=unit)
-    assert refused(found.defects, found.mapping) == []
-    assert len(found.rises) == 13  # 12 s that begin within a second
-    assert found.rises[0].stamp_ns == found.runs[0].stamps_ns[0]
-    assert np.all(np.diff([one.stamp_ns for one in found.rises[1:]]) == SECOND_NS)
-    assert found.rises[0].rise == pytest.approx(10.0, abs=1e-6)
-    assert found.rises[-1].rise == pytest.approx(11.2, abs=0.11)
-    assert found.rises[0].cause.name == "winding_temperature"
+    recording = imported(mapped, series(warming(), factor, addition), unit=unit)
+    assert refused(recording.defects, recording.mapping) == []
+    assert len(recording.rises) == 13  # 12 s that begin within a second
+    assert recording.rises[0].stamp_ns == recording.runs[0].stamps_ns[0]
+    assert np.all(np.diff([rise.stamp_ns for rise in recording.rises[1:]]) == SECOND_NS)
+    assert recording.rises[0].rise == pytest.approx(10.0, abs=1e-6)
+    assert recording.rises[-1].rise == pytest.approx(11.2, abs=0.11)
+    assert recording.rises[0].cause.name == "winding_temperature"
 
 
 def test_temperature_has_a_scale_and_an_offset(mapped):
-    found = imported(mapped, series(warming(), 10.0), scale=0.1, offset=-2.0)
-    assert found.rises[0].rise == pytest.approx(8.0)
+    recording = imported(mapped, series(warming(), 10.0), scale=0.1, offset=-2.0)
+    assert recording.rises[0].rise == pytest.approx(8.0)
 
 
 def test_telemetry_does_not_depend_on_a_temperature(mapped):
     of = series(warming())
-    found, plain = imported(mapped, of), import_series({"": of}, mapped(), joint(RATE_HZ))
-    assert len(found.runs) == len(plain.runs) == 1
-    np.testing.assert_array_equal(found.runs[0].values, plain.runs[0].values)
+    recording, plain = imported(mapped, of), import_series({"": of}, mapped(), joint(RATE_HZ))
+    assert len(recording.runs) == len(plain.runs) == 1
+    np.testing.assert_array_equal(recording.runs[0].values, plain.runs[0].values)
     assert plain.rises == []
 
 
 def test_sensor_that_is_read_every_few_seconds_loses_no_sample(mapped):
     celsius = np.full(2400, np.nan)
     celsius[700::1000] = [25.0, 26.0]
-    found = imported(mapped, series(celsius))
-    assert [one.rise for one in found.rises] == pytest.approx([5.0, 5.0, 6.0])
-    stamps = found.runs[0].stamps_ns
-    assert [one.stamp_ns for one in found.rises] == [stamps[0], stamps[700], stamps[1700]]
+    recording = imported(mapped, series(celsius))
+    assert [rise.rise for rise in recording.rises] == pytest.approx([5.0, 5.0, 6.0])
+    stamps = recording.runs[0].stamps_ns
+    assert [rise.stamp_ns for rise in recording.rises] == [stamps[0], stamps[700], stamps[1700]]
     assert len(stamps) == 2400
 
 
 def test_sensor_that_starts_late_has_no_values_before_its_first_reading(mapped):
     celsius = np.full(2400, np.nan)
     celsius[2300] = 25.0
-    found = imported(mapped, series(celsius))
-    assert [one.stamp_ns for one in found.rises] == [found.runs[0].stamps_ns[2300]]
+    recording = imported(mapped, series(celsius))
+    assert [rise.stamp_ns for rise in recording.rises] == [recording.runs[0].stamps_ns[2300]]
 
 
 def test_kelvin_read_as_celsius_is_an_error_that_names_the_unit(mapped):
-    found = imported(mapped, series(warming(), 1.0, 273.15))
-    [defect] = refused(found.defects, found.mapping)
+    recording = imported(mapped, series(warming(), 1.0, 273.15))
+    [defect] = refused(recording.defects, recording.mapping)
     assert defect.name == "temperature_range"
     assert "temperature 304.3 degC, expected -130 to 270" in defect.text
     assert "temperature: {unit: K}" in defect.remedy
-    assert found.rises == []
+    assert recording.rises == []
 
 
 def test_failed_readings_are_left_out(mapped):
@@ -94,9 +94,9 @@ def test_failed_readings_are_left_out(mapped):
     celsius[::400] = -999.0
     of = series(celsius)
     mapping = mapped(temperature="T", accept=["temperature_range"])
-    found = import_series({"": of}, mapping, joint(RATE_HZ))
-    assert refused(found.defects, mapping) == []
-    assert min(one.rise for one in found.rises) > 9.9
+    recording = import_series({"": of}, mapping, joint(RATE_HZ))
+    assert refused(recording.defects, mapping) == []
+    assert min(rise.rise for rise in recording.rises) > 9.9
 
 
 STATES, TEMPERATURE = "/joint_states", "/temperature"
@@ -135,7 +135,7 @@ def driven(bridge, send=None, **fields):
 def test_bridge_reads_the_temperature_of_the_same_message():
     bridge = bridge_of({"topic": STATES, "source": "motor_temperature"})
     _, rises, late = driven(bridge, motor_temperature=33.0)
-    assert [one.rise for one in rises] == [13.0] * len(rises)
+    assert [rise.rise for rise in rises] == [13.0] * len(rises)
     assert len(rises) >= 4
     assert max(late) <= 1
 
@@ -151,12 +151,12 @@ def test_bridge_does_not_wait_for_a_slow_temperature_of_another_topic():
     assert sum(map(len, blocks)) >= 799
     assert max(late) <= 1
     assert rises[0].stamp_ns == START_NS + 5_000_000
-    assert sorted({one.rise for one in rises}) == pytest.approx([20.0, 23.0])
+    assert sorted({rise.rise for rise in rises}) == pytest.approx([20.0, 23.0])
 
 
 def test_bridge_reports_an_impossible_temperature_and_withholds_nothing():
     bridge = bridge_of({"topic": STATES, "source": "motor_temperature"})
     blocks, rises, _ = driven(bridge, motor_temperature=306.0)
     assert rises == []
-    assert [one.name for one in bridge.uncertain] == ["temperature_range"]
+    assert [defect.name for defect in bridge.uncertain] == ["temperature_range"]
     assert sum(map(len, blocks)) >= 799

@@ -39,8 +39,8 @@ def grouped(value, mark):
 )
 def test_thousands_separators_are_read(tmp_path, mark, decimal):
     cells = [grouped(value, mark) for value in [*SPEEDS, 1234567.0]]
-    found = read_columns(table(tmp_path, cells, decimal))
-    assert list(found.column("speed")) == [*SPEEDS, 1234567.0]
+    columns = read_columns(table(tmp_path, cells, decimal))
+    assert list(columns.column("speed")) == [*SPEEDS, 1234567.0]
 
 
 def test_quoted_thousands_are_read_in_a_table_with_commas(tmp_path):
@@ -50,8 +50,8 @@ def test_quoted_thousands_are_read_in_a_table_with_commas(tmp_path):
 
 
 def test_thousands_that_could_be_decimals_are_named(tmp_path):
-    found = read_columns(table(tmp_path, [grouped(value, ".") for value in SPEEDS], ","))
-    [note] = found.notes_of(["speed"])
+    columns = read_columns(table(tmp_path, [grouped(value, ".") for value in SPEEDS], ","))
+    [note] = columns.notes_of(["speed"])
     assert note == "column 'speed', row 2: '1.885' is read with '.' as thousands separator"
 
 
@@ -63,15 +63,15 @@ def test_every_minus_sign_is_read(tmp_path, minus):
 
 def test_accountants_minus_signs_are_read(tmp_path):
     cells = ["(12.5)", "12.5-", "- 12.5", "+12.5", "( 1,885.5 )"]
-    found = read_columns(table(tmp_path, cells))
-    assert list(found.column("speed")) == [-12.5, -12.5, -12.5, 12.5, -1885.5]
+    columns = read_columns(table(tmp_path, cells))
+    assert list(columns.column("speed")) == [-12.5, -12.5, -12.5, 12.5, -1885.5]
 
 
 def test_column_with_foreign_decimal_signs_is_read_if_its_cells_leave_no_doubt(tmp_path):
-    found = read_columns(table(tmp_path, ["12.34", "1.885", "0.5"], ","))
-    assert list(found.column("speed")) == [12.34, 1.885, 0.5]
-    found = read_columns(table(tmp_path, ["12,34", "1,885", "0,5"], "."))
-    assert list(found.column("speed")) == [12.34, 1.885, 0.5]
+    columns = read_columns(table(tmp_path, ["12.34", "1.885", "0.5"], ","))
+    assert list(columns.column("speed")) == [12.34, 1.885, 0.5]
+    columns = read_columns(table(tmp_path, ["12,34", "1,885", "0,5"], "."))
+    assert list(columns.column("speed")) == [12.34, 1.885, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -87,12 +87,12 @@ def test_column_with_foreign_decimal_signs_is_read_if_its_cells_leave_no_doubt(t
 def test_cell_that_is_not_a_number_is_refused_when_its_column_is_used(
     tmp_path, cells, decimal, words
 ):
-    found = read_columns(table(tmp_path, cells, decimal))
-    assert len(found.column("pos")) == len(cells)
+    columns = read_columns(table(tmp_path, cells, decimal))
+    assert len(columns.column("pos")) == len(cells)
     with pytest.raises(ValueError, match=rf"column 'speed', {words}"):
-        found.column("speed")
+        columns.column("speed")
     with pytest.raises(ValueError, match=rf"column 'speed', {words}"):
-        found.column("pos + speed")
+        columns.column("pos + speed")
 
 
 @pytest.mark.parametrize("mark", ",.")
@@ -102,8 +102,8 @@ def test_thousands_are_refused_if_nothing_shows_the_decimal_sign(tmp_path, mark)
         ValueError, match=rf"'speed', row 2: '1\{mark}885' may contain a thousands separator or"
     ):
         read_columns(path).column("speed")
-    other = "," if mark == "." else "."
-    assert list(read_columns(path, Table(decimal=other)).column("speed")) == SPEEDS
+    decimal = "," if mark == "." else "."
+    assert list(read_columns(path, Table(decimal=decimal)).column("speed")) == SPEEDS
     assert read_columns(path, Table(decimal=mark)).column("speed")[1] == 1.885
 
 
@@ -118,8 +118,8 @@ def test_thousands_separator_that_may_be_a_decimal_sign_is_refused(tmp_path):
 
 def test_words_among_numbers_become_nan(tmp_path):
     cells = ["1.5", "ERR", "-", "", "n/a", "--", "2.5", "3.5", "overflow", "4.5", "5", "6", "7"]
-    found = read_columns(table(tmp_path, cells)).column("speed")
-    assert np.count_nonzero(np.isnan(found)) == 6
+    speed = read_columns(table(tmp_path, cells)).column("speed")
+    assert np.count_nonzero(np.isnan(speed)) == 6
 
 
 def test_column_of_texts_is_refused_with_a_cell(tmp_path):

@@ -67,12 +67,12 @@ def imported(path, telemetry):
     return mapping, import_series(source.series(mapping), mapping, description)
 
 
-def check(found, *, has_date=True):
+def check(recording, *, has_date=True):
     """Check rate and lost rows against the record, and the date if there is one."""
-    assert found.rate.period == 1e-3
-    assert (found.stream.losses.lost, found.stream.losses.gaps) == (len(LOST), 1)
+    assert recording.rate.period == 1e-3
+    assert (recording.stream.losses.lost, recording.stream.losses.gaps) == (len(LOST), 1)
     if has_date:
-        first = found.runs[0].stamps_ns[0]
+        first = recording.runs[0].stamps_ns[0]
         assert abs(first - DAY.value) < 1_000_000
 
 
@@ -102,9 +102,9 @@ def test_dates_of_other_countries_and_programs_are_read(telemetry, tmp_path, sty
         frame.to_parquet(path)
     else:
         frame.to_csv(path, index=False, sep=";", decimal=",")
-    mapping, found = imported(path, telemetry)
+    mapping, recording = imported(path, telemetry)
     assert mapping.clock == Clock("Zeit", "ns")
-    check(found)
+    check(recording)
 
 
 @pytest.mark.parametrize(
@@ -116,9 +116,9 @@ def test_date_and_time_in_separate_columns_are_added(telemetry, tmp_path, date, 
     frame.insert(0, "Datum", texts(moments, date))
     frame.insert(1, "Uhrzeit", [f"{text}{half}" for text in milliseconds(moments, time)])
     frame.to_csv(tmp_path / "a.csv", index=False)
-    mapping, found = imported(tmp_path / "a.csv", telemetry)
+    mapping, recording = imported(tmp_path / "a.csv", telemetry)
     assert mapping.clock == Clock("Datum + Uhrzeit", "ns")
-    check(found)
+    check(recording)
 
 
 @pytest.mark.parametrize("name", NUMBERS)
@@ -138,9 +138,9 @@ def test_units_and_epochs_of_numbers_are_recognised(telemetry, tmp_path, name):
     if epoch and size <= 1.0:
         frame[name] = [f"{value:.16g}" for value in values]
         frame.to_csv(tmp_path / "a.csv", index=False)
-    mapping, found = imported(tmp_path / "a.csv", telemetry)
+    mapping, recording = imported(tmp_path / "a.csv", telemetry)
     assert mapping.clock == Clock(name, UNITS[name])
-    check(found, has_date=bool(epoch))
+    check(recording, has_date=bool(epoch))
 
 
 @pytest.mark.parametrize("name", [None, "seconds", "index"])
@@ -148,9 +148,9 @@ def test_numeric_index_of_a_parquet_frame_is_its_time(telemetry, tmp_path, name)
     moments, frame = frame_of(telemetry)
     frame.index = pd.Index((moments - DAY).total_seconds(), name=name)
     frame.to_parquet(tmp_path / "a.parquet")
-    mapping, found = imported(tmp_path / "a.parquet", telemetry)
+    mapping, recording = imported(tmp_path / "a.parquet", telemetry)
     assert mapping.clock == Clock(name or "index", "s")
-    check(found, has_date=False)
+    check(recording, has_date=False)
 
 
 def test_times_of_day_continue_after_midnight(tmp_path):
@@ -268,7 +268,7 @@ def test_stamp_far_from_all_others_is_rebuilt(tmp_path, wrong, at):
     stamps[at] = wrong
     moving(stamps).to_csv(tmp_path / "a.csv", index=False)
     source = open_input(tmp_path / "a.csv")
-    found = source.series(source.guess(described(200)).mapping)[""]
-    stamped, rebuilt = found.stamped()
+    series = source.series(source.guess(described(200)).mapping)[""]
+    stamped, rebuilt = series.stamped()
     assert rebuilt == 1
     assert np.all(np.abs(np.diff(stamped) - 5_000_000) <= 5_000_000)

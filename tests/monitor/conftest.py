@@ -121,9 +121,9 @@ def counted(monkeypatch) -> list[int]:
     counts = []
     respond = MonitorModel.respond
 
-    def counting(model, window, faults, *others):
+    def counting(model, window, faults, *arguments):
         counts.append(len(np.atleast_2d(faults)))
-        return respond(model, window, faults, *others)
+        return respond(model, window, faults, *arguments)
 
     monkeypatch.setattr(MonitorModel, "respond", counting)
     return counts

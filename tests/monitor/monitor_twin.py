@@ -63,8 +63,8 @@ class MonitorTwin:
         fault = cmath.rect(
             faults.get("eccentricity", 0), (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi
         )
-        own = complex(d.get("eccentricity_cos", 0), d.get("eccentricity_sin", 0))
-        self.zeta, self.phi = cmath.polar(fault + own)
+        eccentricity = complex(d.get("eccentricity_cos", 0), d.get("eccentricity_sin", 0))
+        self.zeta, self.phi = cmath.polar(fault + eccentricity)
         self.G_prop = p.G_prop * (0.5 + faults.get("gain", 0.5)) * (1 + d.get("loop_gain", 0))
         self.GAP = p.GAP * (1 + d.get("speed_loop", 0))
         magnets = 1 + d.get("torque_constant", 0)

@@ -24,9 +24,9 @@ def stream(command: NDArray[np.float64], first_index: int = 1) -> Telemetry:
 
 def only(kind: type[Kind], events: Sequence[object]) -> list[Kind]:
     """Return the events, after checking that each is of a kind."""
-    found = [event for event in events if isinstance(event, kind)]
-    assert len(found) == len(events), events
-    return found
+    selected = [event for event in events if isinstance(event, kind)]
+    assert len(selected) == len(events), events
+    return selected
 
 
 def blocks(telemetry: Telemetry, size: int) -> list[Telemetry]:

@@ -105,8 +105,8 @@ def test_pictures_and_messages_tolerate_a_missing_column(way: str):
 @pytest.mark.slow
 def test_calibration_of_another_acquisition_is_refused_by_name(tmp_path):
     description, calibration, window, _ = unit("filtered")
-    other = ActuatorDescription(sample_period=1e-3)
-    estimate = identify(window, other, calibration)
+    slower = ActuatorDescription(sample_period=1e-3)
+    estimate = identify(window, slower, calibration)
     assert not estimate.valid
     assert "current mean, speed measured, the calibration current filtered with 0.001 s" in (
         estimate.reason

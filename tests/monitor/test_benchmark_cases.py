@@ -61,11 +61,13 @@ def cases() -> ModuleType:
 
 
 def test_case_gives_the_same_window_each_time_and_another_seed_a_different_one(cases):
-    one, other = cases.healthy(2)
-    window, again = (one.window(one.telemetry(), noisy=True) for _ in range(2))
+    first_case, second_case = cases.healthy(2)
+    window, again = (first_case.window(first_case.telemetry(), noisy=True) for _ in range(2))
     np.testing.assert_array_equal(window.current, again.current)
     # The modulation is chaotic: a different tremble gives a different ripple of about 0.1 A.
-    clean, another = (case.window(case.telemetry(), noisy=False) for case in (one, other))
+    clean, another = (
+        case.window(case.telemetry(), noisy=False) for case in (first_case, second_case)
+    )
     assert np.std(clean.current - another.current) > 0.05
 
 
@@ -100,7 +102,7 @@ def test_errors_of_sensors_have_their_stated_size():
     telemetry = errors.simulate({})
     most = np.max(np.abs(telemetry.current))
     rest = {"faults": errors.fault_vectors(0)[0], "seed": 0, "column": "current"}
-    gain, offset, delay = (errors.Case(error=one, percent=10, **rest) for one in errors.ERRORS)
+    gain, offset, delay = (errors.Case(error=error, percent=10, **rest) for error in errors.ERRORS)
     np.testing.assert_allclose(gain.misread(telemetry).current, 1.1 * telemetry.current)
     np.testing.assert_allclose(
         offset.misread(telemetry).current, telemetry.current + 0.1 * most, atol=1e-9

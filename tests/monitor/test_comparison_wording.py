@@ -35,8 +35,8 @@ from .comparisons import (
 
 
 def row(of: Comparison, label: str) -> tuple[str, ...]:
-    [found] = [one for one in rows(of) if one[0] == label]
-    return found[1:]
+    [match] = [table_row for table_row in rows(of) if table_row[0] == label]
+    return match[1:]
 
 
 def test_change_is_stated_with_its_interval():
@@ -177,5 +177,5 @@ def test_smallest_change_is_written_without_an_exponent(smallest: float, reporte
 def test_every_quantity_has_a_complete_row(name: str):
     table = rows(CASES[name])
     assert len(table) == len(CASES[name].quantities)
-    assert all(len(one) == len(HEADINGS) for one in table)
+    assert all(len(table_row) == len(HEADINGS) for table_row in table)
     assert "nan" not in str(table) + summary(CASES[name])

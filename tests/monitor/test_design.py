@@ -50,7 +50,7 @@ def test_demands_of_a_swing_follow_from_its_motion(information):
 
 
 @pytest.mark.parametrize(
-    ("given", "parts"),
+    ("limit", "parts"),
     [
         ({"travel": 0.0}, ("travel = 0 rad", "above 0")),
         ({"travel": 0.001}, ("travel = 0.001 rad", "0.0015 rad")),
@@ -60,9 +60,9 @@ def test_demands_of_a_swing_follow_from_its_motion(information):
         ({"travel": 0.01, "longest": 0.01}, ("longest = 0.01 s", f"{SHORTEST_S:g} s")),
     ],
 )
-def test_impossible_limit_is_refused_by_name_value_and_unit(given, parts):
+def test_impossible_limit_is_refused_by_name_value_and_unit(limit, parts):
     with pytest.raises(ValueError, match=r"expected|limit|least") as refused:
-        MotionLimits.within(PARAMETERS, **given)
+        MotionLimits.within(PARAMETERS, **limit)
     for part in parts:
         assert part in str(refused.value)
 
@@ -135,10 +135,10 @@ def design(sigma, wanted, demands, limits) -> Design:
 
 def test_unreachable_sigma_is_refused_with_fault_and_limit(limits):
     demands = Demands(travel=0.01, current=14.9, torque=1.1, speed=300.0, longest=0.5)
-    one = design({"gain": 0.004}, {"friction": 0.01, "gain": 0.002}, demands, limits)
-    assert not one.reached
-    assert one.binding == ["current", "longest"]
-    assert one.verdict == (
+    refused = design({"gain": 0.004}, {"friction": 0.01, "gain": 0.002}, demands, limits)
+    assert not refused.reached
+    assert refused.binding == ["current", "longest"]
+    assert refused.verdict == (
         "gain: sigma 0.002 is not reached, at best 0.0040; limited by current 15 A, longest 0.5 s"
     )
     hidden = design({"gain": math.nan}, {"gain": 0.002}, demands, limits)
@@ -161,8 +161,8 @@ def test_single_faults_are_half_way_to_their_limits():
         limit = FAULTS[number].limit
         assert limit is not None
         assert faults[number] == pytest.approx(FAULTS[number].healthy + 0.5 * limit)
-        others = present(faults) & (np.arange(len(FAULTS)) != number)
-        assert not np.any(others[: SHORT_CIRCUITS[-1] + 1])
+        rest = present(faults) & (np.arange(len(FAULTS)) != number)
+        assert not np.any(rest[: SHORT_CIRCUITS[-1] + 1])
 
 
 def test_combinations_include_every_fault_and_short_only_one_phase():
@@ -205,7 +205,7 @@ def test_certificate_states_what_the_motion_does_not_show(certificate):
 
 
 def test_smallest_fault_is_reported_in_physical_units(certificate):
-    meanings = {one.name: one.meaning for one in certificate.faults}
+    meanings = {fault.name: fault.meaning for fault in certificate.faults}
     assert meanings["friction"] == "dry friction 1.020 × nominal"
     assert meanings["gain"] == "position-loop gain 1.010 × nominal or 0.990"
     assert meanings["backlash"] == ""

@@ -38,8 +38,8 @@ def test_zero_deviations_leave_results_bit_identical(form):
     zero = MonitorModel(PARAMETERS, form, unit=Deviations()).respond(
         window, faults, 0.4, deviations=np.zeros((m, N_DEVIATIONS))
     )
-    for one, other in zip(plain, zero, strict=True):
-        assert one.tobytes() == other.tobytes()
+    for actual, expected in zip(plain, zero, strict=True):
+        assert actual.tobytes() == expected.tobytes()
 
 
 # Actuator parameters that a deviation represents, with their changed values. Other deviations are
@@ -63,12 +63,18 @@ def test_deviation_of_a_field_oriented_drive_equals_a_changed_parameter(
 ):
     """The gains of the current loop, which follow the nominal resistance, cause 0.02 A."""
     p = PARAMETERS.replace({"V_max": 8.0})
-    other = p.replace({n: factor * getattr(p, n) for n in parameters})
+    changed_parameters = p.replace({n: factor * getattr(p, n) for n in parameters})
     faults = {"friction": 0.2, "backlash": 0.01, "short_circuit_b": 0.2, "gain": 0.6}
     window = window_from(CHIRP.command[:600])
     plain, deviating, replaced = (
-        MonitorModel(one, "field_oriented", unit=unit).respond(window, fault_vector(faults)).current
-        for one, unit in ((p, None), (p, Deviations(**{name: value})), (other, None))
+        MonitorModel(parameters_of, "field_oriented", unit=unit)
+        .respond(window, fault_vector(faults))
+        .current
+        for parameters_of, unit in (
+            (p, None),
+            (p, Deviations(**{name: value})),
+            (changed_parameters, None),
+        )
     )
     assert rms(deviating - replaced) < 0.02
     assert not np.array_equal(deviating, plain)
@@ -94,14 +100,14 @@ def test_corrections_apply_to_the_sensor_readings():
     model = MonitorModel(PARAMETERS, unit=unit)
     plain = model.respond(CHIRP, healthy_faults())
     corrected = model.respond(CHIRP, healthy_faults(), corrections=corrections)
-    for one, other, added in zip(corrected, plain, corrections, strict=True):
-        assert one == pytest.approx(other + added, rel=1e-12, abs=1e-12)
+    for actual, original, added in zip(corrected, plain, corrections, strict=True):
+        assert actual == pytest.approx(original + added, rel=1e-12, abs=1e-12)
 
 
 def test_individuals_deviate_from_the_unit_independently():
     """This holds also within a group of lanes."""
     rng = np.random.default_rng(5)
-    sigma = {one.name: one.sigma for one in unit_priors(PARAMETERS, 0.01)}
+    sigma = {unit_prior.name: unit_prior.sigma for unit_prior in unit_priors(PARAMETERS, 0.01)}
     rows = np.array([sigma.get(name, 0.0) for name in NAMES]) * rng.normal(
         size=(LANES + 1, N_DEVIATIONS)
     )
@@ -117,14 +123,22 @@ def test_individuals_deviate_from_the_unit_independently():
 
 
 def test_hidden_causes_are_the_last_components_and_can_be_simulated():
-    assert tuple(one.name for one in hidden_causes(PARAMETERS, 0.01)) == HIDDEN_CAUSES
-    for one in hidden_causes(PARAMETERS, 0.01):
-        assert one.lowest < one.expected < one.reach <= one.cause.highest
-        assert one.sigma < one.reach
-        if one.cause.unit == "-":
-            assert one.cause.lowest <= one.lowest
-        if one.name == "winding_temperature":
-            assert 1.0 + COPPER * one.lowest > 0.0
+    assert (
+        tuple(hidden_cause.name for hidden_cause in hidden_causes(PARAMETERS, 0.01))
+        == HIDDEN_CAUSES
+    )
+    for hidden_cause in hidden_causes(PARAMETERS, 0.01):
+        assert (
+            hidden_cause.lowest
+            < hidden_cause.expected
+            < hidden_cause.reach
+            <= hidden_cause.cause.highest
+        )
+        assert hidden_cause.sigma < hidden_cause.reach
+        if hidden_cause.cause.unit == "-":
+            assert hidden_cause.cause.lowest <= hidden_cause.lowest
+        if hidden_cause.name == "winding_temperature":
+            assert 1.0 + COPPER * hidden_cause.lowest > 0.0
 
 
 def test_loads_and_sensors_scale_with_the_actuator():
@@ -147,7 +161,7 @@ def test_loads_and_sensors_scale_with_the_actuator():
 
 def test_deviations_that_no_healthy_test_shows_are_not_fitted():
     """Of torque constant, friction, inertia and current gain, only the ratios are visible."""
-    fitted = {one.name for one in unit_priors(PARAMETERS, 0.01)}
+    fitted = {unit_prior.name for unit_prior in unit_priors(PARAMETERS, 0.01)}
     assert set(NAMES) - fitted == {
         "torque_constant",
         "winding_temperature",

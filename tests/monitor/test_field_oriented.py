@@ -155,8 +155,8 @@ def test_calibration_has_a_bandwidth_but_neither_lift_nor_idle_phases(calibratio
     assert ("omega_c", 2.0 * P.omega_c, P.omega_c) in loaded.unit_mismatch(faster)
     # The calibration of a six-step drive has none.
     builtin = Calibration.builtin()
-    other = ActuatorDescription(parameters=ActuatorParameters(omega_c=1.0))
-    assert builtin.unit_mismatch(other) == ()
+    six_step = ActuatorDescription(parameters=ActuatorParameters(omega_c=1.0))
+    assert builtin.unit_mismatch(six_step) == ()
 
 
 @pytest.mark.slow
@@ -207,7 +207,7 @@ def test_performance_is_that_of_the_described_drive(calibration):
     """Mechanics and loops are the same, hence equal tracking; less phase voltage, less reserve."""
     mine = PerformanceModel(calibration.unit_parameters)
     assert isinstance(calibration.unit_parameters, FieldOrientedParameters)
-    other = PerformanceModel(ActuatorParameters())
-    tracking = mine.healthy["tracking_error"] / other.healthy["tracking_error"]
+    six_step = PerformanceModel(ActuatorParameters())
+    tracking = mine.healthy["tracking_error"] / six_step.healthy["tracking_error"]
     assert tracking == pytest.approx(1.0, abs=0.05)
-    assert 0.1 < mine.healthy["torque_margin"] < other.healthy["torque_margin"] + 0.1
+    assert 0.1 < mine.healthy["torque_margin"] < six_step.healthy["torque_margin"] + 0.1

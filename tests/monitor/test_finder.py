@@ -42,13 +42,13 @@ def test_windows_are_numbered_and_early_telemetry_waits_for_the_description():
     finder = WindowFinder(SETTINGS)
     assert fed(finder, cycles(3)) == []
     assert (finder.windows, finder.has_rested) == (0, False)
-    found = finder.describe(FLAP)
+    segments = finder.describe(FLAP)
     assert (finder.windows, finder.blocks, finder.lost_samples) == (3, 27, 0)
     assert finder.has_rested
-    assert all(isinstance(item.window, Window) for item in only(Segment, found))
-    assert summary(found) == summary(fed(WindowFinder(SETTINGS, FLAP), cycles(3)))
+    assert all(isinstance(item.window, Window) for item in only(Segment, segments))
+    assert summary(segments) == summary(fed(WindowFinder(SETTINGS, FLAP), cycles(3)))
     later = only(Segment, fed(finder, cycles(1, 2701)))
-    assert [item.number for item in (*only(Segment, found), *later)] == [0, 1, 2, 3]
+    assert [item.number for item in (*only(Segment, segments), *later)] == [0, 1, 2, 3]
 
 
 def test_only_the_latest_ten_seconds_wait():
@@ -217,11 +217,11 @@ def test_window_with_too_many_blocks_is_refused_and_the_next_one_accepted(monkey
 def test_window_is_detected_at_any_running_index(first_index: int):
     windows = []
     for index in (first_index, 1):
-        [found] = only(
+        [segment] = only(
             Segment, fed(WindowFinder(SETTINGS, FLAP), replace(cycles(1), first_index=index))
         )
-        assert isinstance(found.window, Window)
-        windows.append(found.window.telemetry.first_index - index)
+        assert isinstance(segment.window, Window)
+        windows.append(segment.window.telemetry.first_index - index)
     assert windows[0] == windows[1]
 
 

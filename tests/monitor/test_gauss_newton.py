@@ -88,15 +88,15 @@ def test_refit_is_constrained_least_squares(seed):
     point, healthy = rng.uniform(-0.3, 1.3, d).clip(0.0, 1.0), np.full(d, 0.1)
     residuals, jacobian = rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
     fitted = rng.random(d) < 0.6
-    found = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
+    refit = refitted(Linearisation(point, residuals, jacobian), healthy, fitted)
     normal, start = jacobian.T @ jacobian, np.where(fitted, point, healthy)
     of_fitted = lowest_of(normal, jacobian.T @ residuals, point, start, fitted)
-    assert of_fitted == pytest.approx(found, abs=1e-6)
+    assert of_fitted == pytest.approx(refit, abs=1e-6)
     right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
-    best = bounded_minimum(jacobian[:, fitted], right, found[fitted])
-    assert np.array_equal(found[~fitted], healthy[~fitted])
+    best = bounded_minimum(jacobian[:, fitted], right, refit[fitted])
+    assert np.array_equal(refit[~fitted], healthy[~fitted])
     # The ridge is 1e-9 of the largest diagonal entry.
-    assert found[fitted] == pytest.approx(best, abs=1e-6)
+    assert refit[fitted] == pytest.approx(best, abs=1e-6)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
@@ -108,8 +108,8 @@ def test_bounds_apply_to_a_box_of_any_size(damping):
         lower, span = rng.normal(size=D), rng.uniform(0.1, 10.0, D)
         unit = Quadratic.of(Linearisation(point, residuals, jacobian)).damped(damping)
         wide = Linearisation(lower + span * point, residuals, jacobian / span)
-        found = Quadratic.of(wide).damped(damping).lowest_between(lower, lower + span)
-        assert (found - lower) / span == pytest.approx(unit.lowest(), abs=1e-9)
+        point_found = Quadratic.of(wide).damped(damping).lowest_between(lower, lower + span)
+        assert (point_found - lower) / span == pytest.approx(unit.lowest(), abs=1e-9)
 
 
 def bent(x):

@@ -86,8 +86,8 @@ def test_levels_change_when_the_bound_passes_the_share_and_the_value_the_limit(
         (limit - 1e-6, WARN),
         (limit + 1e-6, ERROR),
     ):
-        given = estimate({name: healthy + distance})
-        health, item = assess(given, LIMITS), fault(given, name)
+        measured = estimate({name: healthy + distance})
+        health, item = assess(measured, LIMITS), fault(measured, name)
         assert (item.level, health.level) == (level, level)
         assert item.share == pytest.approx(distance / limit)
         assert health.health_index == pytest.approx(max(0.0, 1.0 - distance / limit))
@@ -208,8 +208,8 @@ def test_held_back_value_is_reported_if_a_level_depends_on_it(before, found, lev
 def test_worse_of_faults_and_requirements_determines_the_level(
     friction: float, share: float, level: int, severity: int
 ):
-    own = ERROR if share > 1.0 else WARN if share > 0.2 else OK
-    required = (FaultHealth("bandwidth", own, 20.0, 0.1, 12.0, 14.0, True, share),)
+    fault_level = ERROR if share > 1.0 else WARN if share > 0.2 else OK
+    required = (FaultHealth("bandwidth", fault_level, 20.0, 0.1, 12.0, 14.0, True, share),)
     health = with_requirements(assess(estimate({"friction": friction}), LIMITS), required)
     assert (health.level, health.severity) == (level, severity)
     assert health.requirements == required
@@ -224,7 +224,11 @@ def test_unknown_requirement_changes_nothing():
 
 
 def torque(of: Comparison) -> list[FaultHealth]:
-    return [one for one in health_of(of).requirements if one.name == "torque_per_ampere"]
+    return [
+        requirement
+        for requirement in health_of(of).requirements
+        if requirement.name == "torque_per_ampere"
+    ]
 
 
 def health_of(of: Comparison, limits: HealthLimits = LIMITS) -> Health:
@@ -244,7 +248,7 @@ def test_ok_needs_a_smallest_change_below_the_warning_limit():
     assert (health.level, health.confidence) == (STALE, 0.0)
     assert np.isnan(health.health_index)
     assert "above 35 % would show; its warning limit is 20 %" in health.reason
-    assert OK not in {one.level for one in (*health.faults, *health.requirements)}
+    assert OK not in {fault.level for fault in (*health.faults, *health.requirements)}
     wide = replace(LIMITS, warn_share=0.4)
     assert health_of(comparison(unchanged(FRICTION, 0.35)), wide).level == OK
 
@@ -273,7 +277,7 @@ def test_friction_tracked_over_earlier_tests_does_not_replace_its_judgement():
     estimate = compared(comparison(not_judged(FRICTION)))
     health = assess(estimate, LIMITS, {"friction": Tracked(0.0, 0.001)})
     assert health.level == STALE
-    assert {one.level for one in health.faults} == {STALE}
+    assert {fault.level for fault in health.faults} == {STALE}
 
 
 @pytest.mark.parametrize(

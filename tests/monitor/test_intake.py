@@ -95,7 +95,7 @@ def test_measured_causes_apply_to_the_next_window_and_the_duty():
     intake = Intake("flap", TriggerSettings(), OLD, max_age_s=lambda: 2.0)
     intake.measure(S, {"load_torque": (0.1, 0.01), "winding_temperature": (30.0, 1.0)})
     window = window_in(intake.feed(cycle_block(S)))
-    assert [one.name for one in window.measured] == ["load_torque", "winding_temperature"]
+    assert [cause.name for cause in window.measured] == ["load_torque", "winding_temperature"]
     assert intake.take_use(OLD.unit_key, window.end_ns).flown.winding[1].sum() > 0.0
     aged = window_in(intake.feed(cycle_block(5 * S)))
     assert aged.measured == ()

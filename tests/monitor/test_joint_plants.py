@@ -143,8 +143,8 @@ def test_outcome_of_a_weak_motor_is_reported(joints, changed, figures, expected)
 def test_least_squares_identify_the_friction_of_a_stage(joints, tmp_path):
     unit = plants.Unit("screw")
     healthy = [unit.write(unit.record(0, i), tmp_path, f"{i}") for i in range(3)]
-    found = joints.LeastSquares(unit.joint, healthy)
+    fit = joints.LeastSquares(unit.joint, healthy)
     worn = unit.write(unit.record(0, 9, plants.Case(friction=1.3)), tmp_path, "worn")
     # Within one day: 2 % for warming, Stribeck friction and noise.
-    assert found.judge(worn)["change"] == pytest.approx(0.3, abs=0.02)
-    assert found.judge(worn)["alarm"]
+    assert fit.judge(worn)["change"] == pytest.approx(0.3, abs=0.02)
+    assert fit.judge(worn)["alarm"]

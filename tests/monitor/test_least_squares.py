@@ -50,8 +50,8 @@ def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
 
 def screens(batches):
     """Return the sizes of screens: of batches that begin with the start, without differences."""
-    first, *others = [len(one) for one in batches if np.array_equal(one[0], batches[0][0])]
-    return [first - batches[0].shape[1], *others]
+    first, *later = [len(batch) for batch in batches if np.array_equal(batch[0], batches[0][0])]
+    return [first - batches[0].shape[1], *later]
 
 
 def test_screen_is_a_latin_hypercube_around_the_start():
@@ -136,9 +136,9 @@ def test_larger_screen_finds_a_distant_optimum(seed):
     start = np.full(3, 0.52)
     _, stays = search(two_valleys, start, seed=seed, good_cost=0.3)
     assert stays[-1].cost == pytest.approx(0.25, rel=1e-9)
-    batches, found = search(two_valleys, start, seed=seed, good_cost=0.2)
-    assert found[-1].cost < 1e-12
-    assert found[-1].point == pytest.approx(0.95, abs=1e-4)
+    batches, progress = search(two_valleys, start, seed=seed, good_cost=0.2)
+    assert progress[-1].cost < 1e-12
+    assert progress[-1].point == pytest.approx(0.95, abs=1e-4)
     # Once it accepts an optimum, the search ends.
     assert screens(batches) in ([1, SMALL], [1, SMALL, LARGE])
 
@@ -147,8 +147,8 @@ def test_larger_screen_finds_a_distant_optimum(seed):
 def test_fair_optimum_that_a_second_search_improves_is_searched_further(seed):
     """The search continues to the largest screen, unless it finds a good cost."""
     start = np.full(3, 0.52)
-    batches, found = search(two_valleys, start, seed=seed, good_cost=1e-15, fair_cost=0.3)
-    reached = found[-1].cost < 1e-12
+    batches, progress = search(two_valleys, start, seed=seed, good_cost=1e-15, fair_cost=0.3)
+    reached = progress[-1].cost < 1e-12
     assert screens(batches) in ([1, SMALL, LARGE] if reached else [1, SMALL], [1, SMALL])
 
 
@@ -163,5 +163,5 @@ def test_component_without_a_finite_derivative_is_unchanged(component):
 
     _, progress = search(stiff, start)
     assert progress[-1].point[component] == 0.5
-    others = np.arange(D) != component
-    assert progress[-1].point[others] == pytest.approx(CENTRE[others], abs=1e-6)
+    unaffected = np.arange(D) != component
+    assert progress[-1].point[unaffected] == pytest.approx(CENTRE[unaffected], abs=1e-6)

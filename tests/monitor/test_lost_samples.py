@@ -92,8 +92,8 @@ def test_rows_around_a_gap_longer_than_the_filter_are_left_out():
     lost[900:902] = True
     spoilt = replace(whole, current=np.where(lost, 100.0, whole.current), interpolated=lost)
     rows, intact, filled = (
-        filtered(block_means(one, UNKNOWN, 2.5), preparation)
-        for one in (spoilt, whole, replace(spoilt, interpolated=np.zeros(0, dtype=bool)))
+        filtered(block_means(variant, UNKNOWN, 2.5), preparation)
+        for variant in (spoilt, whole, replace(spoilt, interpolated=np.zeros(0, dtype=bool)))
     )
     assert 0.9 * len(intact) < len(rows) < len(intact)
     usual = np.max(intact.effort)

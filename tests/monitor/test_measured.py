@@ -89,9 +89,9 @@ def test_measured_sigma_is_part_of_the_uncertainty(calibration, description):
     window = recorded({}, {"torque_constant": -0.05})
     sure, unsure = (
         identify(
-            window, description, calibration, measured={"torque_constant": (-0.05, one)}
+            window, description, calibration, measured={"torque_constant": (-0.05, sigma)}
         ).sigma.short_circuit_a
-        for one in (0.002, 0.02)
+        for sigma in (0.002, 0.02)
     )
     assert sure < 0.5 * unsure
 
@@ -101,8 +101,8 @@ def test_other_distances_use_the_measured_value_without_its_sigma(calibration, d
     window = recorded({}, LOAD)
     settings = SearchSettings(fitness="least_squares")
     blind, seeing = (
-        identify(window, description, calibration, settings, measured=given)
-        for given in ({}, {"load_torque": (0.3, 0.01)})
+        identify(window, description, calibration, settings, measured=measured)
+        for measured in ({}, {"load_torque": (0.3, 0.01)})
     )
     assert seeing.fitness < 0.1 * blind.fitness
     assert error(seeing, {}) < 0.02
@@ -120,19 +120,19 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
         description, calibration, settings=CombinationSettings(wanted_sigma=0.02)
     )
     [estimate, *_] = [
-        found
+        event
         for stretch in stretches
-        for found in combination.add(replace(stretch, measured=measured))
-        if isinstance(found, Estimate)
+        for event in combination.add(replace(stretch, measured=measured))
+        if isinstance(event, Estimate)
     ]
     assert "contradicts it: measured load torque +0.1 ± 0.01 N.m" in estimate.reason
-    assert [one.name for one in estimate.measured] == ["torque_constant"]
+    assert [cause.name for cause in estimate.measured] == ["torque_constant"]
     assert abs(estimate.faults.friction - 0.2) < 3.0 * estimate.sigma.friction
     assert estimate.faults.short_circuit_a < 3.0 * estimate.sigma.short_circuit_a
 
 
 @pytest.mark.parametrize(
-    ("given", "printed"),
+    ("measurement", "printed"),
     [
         ({"cogging": (0.1, 0.01)}, "unknown measured cause 'cogging'; .*known: load_torque"),
         ({"load_torque": (math.nan, 0.01)}, r"load_torque = nan: expected .*\[-10, 10\] N.m"),
@@ -142,9 +142,9 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
         ({"load_torque": 0.1}, "load_torque = 0.1: expected a value and its standard deviation"),
     ],
 )
-def test_impossible_measurement_is_refused_by_name_and_value(given, printed):
+def test_impossible_measurement_is_refused_by_name_and_value(measurement, printed):
     with pytest.raises(ValueError, match=printed):
-        measured_causes(given)
+        measured_causes(measurement)
 
 
 @pytest.mark.parametrize(
@@ -161,16 +161,16 @@ def test_text_that_is_not_a_measurement_is_refused(texts, printed):
 
 
 def test_measured_causes_have_the_order_of_the_model():
-    found = measured_causes_of(["speed_gain = 0.01:0.001", "load-torque=0.1:0.005"])
-    assert [one.name for one in found] == ["load_torque", "speed_gain"]
-    assert set(HIDDEN_CAUSES) >= {one.name for one in found}
+    measured = measured_causes_of(["speed_gain = 0.01:0.001", "load-torque=0.1:0.005"])
+    assert [cause.name for cause in measured] == ["load_torque", "speed_gain"]
+    assert set(HIDDEN_CAUSES) >= {cause.name for cause in measured}
 
 
 def test_latest_measurement_of_each_cause_at_the_start_applies():
     log = MeasurementLog()
 
-    def add(stamp_s: float, **given: float) -> None:
-        measured = measured_causes({name: (value, 0.1) for name, value in given.items()})
+    def add(stamp_s: float, **values: float) -> None:
+        measured = measured_causes({name: (value, 0.1) for name, value in values.items()})
         log.add("flap", round(stamp_s * NS), measured)
 
     add(3.0, load_torque=0.3)
@@ -178,8 +178,8 @@ def test_latest_measurement_of_each_cause_at_the_start_applies():
     add(2.0, load_torque=0.2)
 
     def at(start_s: float, max_age_s: float = 10.0) -> dict[str, float]:
-        found = log.at("flap", round(start_s * NS), max_age_s)
-        return {one.name: one.value for one in found}
+        measured = log.at("flap", round(start_s * NS), max_age_s)
+        return {cause.name: cause.value for cause in measured}
 
     assert at(0.9) == {}
     assert at(1.0) == {"load_torque": 0.1, "winding_temperature": 20.0}

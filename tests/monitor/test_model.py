@@ -82,12 +82,12 @@ def test_undefined_individual_affects_no_other(form):
     window = window_from(CHIRP[1500:1600], speed=30.0)
     expected = model.respond(window, faults, play)
     play[undefined] = np.nan
-    found = model.respond(window, faults, play)
-    for rows, unspoilt in zip(found, expected, strict=True):
-        others = np.setdiff1d(np.arange(n), undefined)
-        assert np.array_equal(rows[others], unspoilt[others])
-        assert np.all(np.isfinite(rows[others]))
-    assert np.all(np.isnan(found.current[undefined]))
+    actual = model.respond(window, faults, play)
+    for rows, unspoilt in zip(actual, expected, strict=True):
+        defined = np.setdiff1d(np.arange(n), undefined)
+        assert np.array_equal(rows[defined], unspoilt[defined])
+        assert np.all(np.isfinite(rows[defined]))
+    assert np.all(np.isnan(actual.current[undefined]))
 
 
 def test_threads_may_run_the_model_concurrently():
@@ -139,9 +139,9 @@ def test_pair_follows_equation_4_12_up_to_the_beginning_of_the_next_one(from_deg
         lowest = math.radians(from_degrees + 360 * turns) / motor.P
         # 1e-9 rad is far beyond rounding; exactly on the edge, either pair is right.
         for within in (1e-9, width / 2, width - 1e-9):
-            found = drives.pair_at(drive, lowest + within)
-            assert drive.R[("BC", "AB", "AC").index(pair)] == found.R
-            assert (found.lowest, found.highest) == pytest.approx(
+            pair_found = drives.pair_at(drive, lowest + within)
+            assert drive.R[("BC", "AB", "AC").index(pair)] == pair_found.R
+            assert (pair_found.lowest, pair_found.highest) == pytest.approx(
                 (lowest, lowest + width), abs=1e-9
             )
 

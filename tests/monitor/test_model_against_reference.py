@@ -85,9 +85,9 @@ def from_rest():
 @pytest.mark.parametrize("plays", [(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0)])
 @pytest.mark.parametrize("backlash", [0.3, 0.7])
 def test_start_in_the_play_affects_model_and_actuator_alike(from_rest, backlash, plays):
-    one, other = (from_rest(play, backlash=backlash) for play in plays)
-    actuator = band_limited(one[0] - other[0], H)
-    model = band_limited(one[1] - other[1], H)
+    first, second = (from_rest(play, backlash=backlash) for play in plays)
+    actuator = band_limited(first[0] - second[0], H)
+    model = band_limited(first[1] - second[1], H)
     # The PWM leaves 0.029 to 0.033 A (measured), compared with an effect of 0.05 to 0.17 A.
     assert rms(actuator - model) < 0.04
     assert rms(model) > 0.05

@@ -32,7 +32,7 @@ def blocks():
 @pytest.fixture(scope="module")
 def windows(blocks):
     finder = WindowFinder(TriggerSettings(), ActuatorDescription())
-    return [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
+    return [event for block in blocks for event in finder.feed(block) if isinstance(event, Segment)]
 
 
 def fed(monitor, blocks):
@@ -47,17 +47,17 @@ def test_estimates_equal_those_of_the_windows_and_health_has_their_service_hours
     monitor = Monitor(settings=TEN_HOURS)
     events = [*fed(monitor, blocks), *monitor.finish()]
     assert [type(event) for event in events] == [Diagnosed, Outlook] * 3
-    found = [event.estimate for event in events if isinstance(event, Diagnosed)]
+    estimates = [event.estimate for event in events if isinstance(event, Diagnosed)]
     offline = [
-        one.estimate
-        for one in diagnosis.diagnose(windows, Calibration.builtin())
-        if isinstance(one, Diagnosed)
+        item.estimate
+        for item in diagnosis.diagnose(windows, Calibration.builtin())
+        if isinstance(item, Diagnosed)
     ]
-    for one, other in zip(found, offline, strict=True):
-        np.testing.assert_array_equal(one.faults, other.faults)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
-    assert [one.warm_start for one in found] == [False, True, True]
-    assert [one.hours for one in outlooks_in(events)] == [10.0, 20.0, 30.0]
+    for item, reference in zip(estimates, offline, strict=True):
+        np.testing.assert_array_equal(item.faults, reference.faults)
+        np.testing.assert_array_equal(item.covariance, reference.covariance)
+    assert [item.warm_start for item in estimates] == [False, True, True]
+    assert [item.hours for item in outlooks_in(events)] == [10.0, 20.0, 30.0]
     assert outlooks_in(events)[-1].health.level == ERROR
     assert [entry.cycles for entry in monitor.unit.history.entries] == [1, 2, 3]
 

@@ -136,12 +136,12 @@ def test_same_seed_gives_the_same_run_and_global_random_state_is_unchanged(name)
     random.seed(1)
     seeded = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
     try:
-        found = run(name, valley, seed=5, termination=SHORT)
+        progress = run(name, valley, seed=5, termination=SHORT)
         after = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
     finally:
         np.random.set_state(before[0])  # noqa: NPY002
         random.setstate(before[1])
-    assert all(same(a, b) for a, b in zip(found, expected, strict=True))
+    assert all(same(a, b) for a, b in zip(progress, expected, strict=True))
     assert after == seeded
 
 

@@ -114,10 +114,10 @@ def test_four_fifths_of_the_children_have_two_parents_and_the_others_are_mutants
     optimizer = make(GeneticAlgorithm)
     population = tell(optimizer, np.arange(50.0))
     children = optimizer.ask()
-    known = np.any(children[:, None] == population, axis=1)
-    assert np.all(known[:38])
+    is_inherited = np.any(children[:, None] == population, axis=1)
+    assert np.all(is_inherited[:38])
     # A mutant that is clipped is on a bound.
-    assert not np.any(known[38:])
+    assert not np.any(is_inherited[38:])
     assert len(children) == 47
 
 
@@ -186,12 +186,12 @@ def test_particle_moves_by_inertia_own_best_and_leader():
     optimizer = make(ParticleSwarm, np.full(2, 0.5), population=3)
     tell(optimizer, [3.0, 2.0, 1.0])
     before, v = optimizer.ask(), optimizer._v.copy()
-    own = optimizer._best_x.copy()
+    best_positions = optimizer._best_x.copy()
     optimizer._rng = cast(Any, Scripted(0.25, 0.5))
     tell(optimizer, [9.0, 9.0, 9.0])
     # With three particles, all others are neighbours.
-    leader = own[[2, 2, 1]]
-    v = 1.1 * v + 1.49 * 0.25 * (own - before) + 1.49 * 0.5 * (leader - before)
+    leader = best_positions[[2, 2, 1]]
+    v = 1.1 * v + 1.49 * 0.25 * (best_positions - before) + 1.49 * 0.5 * (leader - before)
     moved = before + v
     # A velocity is set to zero at the bounds, and only there.
     inside = (moved >= 0.0) & (moved <= 1.0)
@@ -207,11 +207,11 @@ def test_partners_differ_from_the_target_and_from_each_other():
     optimizer = make(DifferentialEvolution, population=4)
     draws = np.array([optimizer._partners() for _ in range(3000)])
     target = np.arange(4)
-    one, other = draws[:, 0], draws[:, 1]
-    assert not np.any((one == target) | (other == target) | (one == other))
+    first, second = draws[:, 0], draws[:, 1]
+    assert not np.any((first == target) | (second == target) | (first == second))
     # Six pairs for each target, equally likely: five sigma of 3000.
     for i in range(4):
-        _, counts = np.unique(4 * one[:, i] + other[:, i], return_counts=True)
+        _, counts = np.unique(4 * first[:, i] + second[:, i], return_counts=True)
         assert counts / 3000 == pytest.approx(np.full(6, 1 / 6), abs=0.035)
 
 
@@ -219,11 +219,11 @@ def test_partners_differ_from_the_target_and_from_each_other():
 def test_donor_is_the_best_plus_a_weighted_difference(cls, monkeypatch):
     optimizer = make(cls, np.full(5, 0.5), population=4, F=0.3, CR=1.0)
     x = optimizer.ask()
-    one, other = np.array([1, 2, 3, 0]), np.array([2, 3, 0, 1])
-    monkeypatch.setattr(optimizer, "_partners", lambda: (one, other))
+    first, second = np.array([1, 2, 3, 0]), np.array([2, 3, 0, 1])
+    monkeypatch.setattr(optimizer, "_partners", lambda: (first, second))
     # Differences of at most 0.3 around the middle stay inside.
     tell(optimizer, [1.0, 2.0, 3.0, 4.0])
-    assert optimizer.ask() == pytest.approx(x[0] + 0.3 * (x[one] - x[other]), abs=1e-15)
+    assert optimizer.ask() == pytest.approx(x[0] + 0.3 * (x[first] - x[second]), abs=1e-15)
 
 
 @pytest.mark.parametrize("cls", [DifferentialEvolution, ThesisDifferentialEvolution])

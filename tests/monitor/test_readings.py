@@ -73,26 +73,26 @@ def test_slow_sine_does_not_separate_a_small_gain_from_a_delay(calibration, desc
 
 def test_travel_from_two_sensors_gives_the_ratio_of_their_gains():
     window = recorded({"backlash": 0.05}, {"position_gain": 0.02, "speed_offset": 1.0})
-    found = travel_ratio(window, PARAMETERS)
-    assert found is not None
-    assert found.value == pytest.approx(1.02, abs=2e-4)
-    assert found.sigma == pytest.approx(3e-4, rel=0.5)
+    ratio = travel_ratio(window, PARAMETERS)
+    assert ratio is not None
+    assert ratio.value == pytest.approx(1.02, abs=2e-4)
+    assert ratio.sigma == pytest.approx(3e-4, rel=0.5)
 
 
 def test_control_law_gives_the_offset_of_the_position_for_any_friction_and_load():
     for faults, causes in (({}, {}), ({"friction": 0.3}, {"load_torque": 0.2})):
         window = recorded(faults, {**causes, "position_offset": 2e-4})
-        found = law_offset(window, PARAMETERS)
-        assert found is not None
-        assert found.value == pytest.approx(2e-4, abs=2.0 * found.sigma)
-        assert found.sigma < 0.3 * HELD
+        offset = law_offset(window, PARAMETERS)
+        assert offset is not None
+        assert offset.value == pytest.approx(2e-4, abs=2.0 * offset.sigma)
+        assert offset.sigma < 0.3 * HELD
 
 
 @pytest.mark.parametrize(("name", "value"), [("speed_offset", -5.0), ("current_offset", 3.0)])
 def test_control_law_attributes_offsets_of_other_sensors_to_them(calibration, name, value):
-    found = Relations.of(recorded({}, {name: value}), calibration)
-    assert not found.are_healthy
-    assert np.all(np.abs(found.residuals(columns(**{name: value}))) < 0.5)
+    relations = Relations.of(recorded({}, {name: value}), calibration)
+    assert not relations.are_healthy
+    assert np.all(np.abs(relations.residuals(columns(**{name: value}))) < 0.5)
 
 
 def test_nothing_is_stated_for_windows_at_rest_or_drives_with_another_law(healthy_windows):
@@ -106,15 +106,15 @@ def test_nothing_is_stated_for_windows_at_rest_or_drives_with_another_law(health
 def test_relations_are_judged_relative_to_the_healthy_windows(healthy_windows, calibration):
     """If the calibration lacks the healthy relations, nothing is stated."""
     window = healthy_windows[0]
-    found = Relations.of(window, calibration)
-    assert found.are_healthy
-    assert np.all(np.abs(found.residuals(columns())) < 0.5)
-    assert found.residuals(columns()).shape == (1, 2)
+    relations = Relations.of(window, calibration)
+    assert relations.are_healthy
+    assert np.all(np.abs(relations.residuals(columns())) < 0.5)
+    assert relations.residuals(columns()).shape == (1, 2)
     unknown = replace(calibration, travel_ratio=math.nan, law_offset=math.nan)
     assert Relations.of(window, unknown).residuals(columns()).shape == (1, 0)
     # Two sensors with the same wrong factor agree on the travel.
-    both = found.residuals(columns(position_gain=0.01, speed_gain=0.01))
-    assert both[0, 0] == pytest.approx(found.residuals(columns())[0, 0])
+    both = relations.residuals(columns(position_gain=0.01, speed_gain=0.01))
+    assert both[0, 0] == pytest.approx(relations.residuals(columns())[0, 0])
 
 
 def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_windows, calibration):
@@ -130,7 +130,7 @@ def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_win
         evidence = Evidence(objective, list(numbers))
         at = objective.linearise(objective.healthy)
         # A cause that hardly changes this window.
-        [place] = [i for i, one in enumerate(causes) if one.name == "supply_voltage"]
+        [place] = [i for i, cause in enumerate(causes) if cause.name == "supply_voltage"]
         point = at.point.copy()
         point[numbers[place]] += 4.0 * causes[place].sigma / (2.0 * causes[place].reach)
         away = objective.linearise(point)
@@ -142,11 +142,11 @@ def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_win
 @pytest.mark.slow
 def test_readings_measured_in_healthy_windows_are_not_deviations_of_the_unit(description):
     """A calibration with measured causes learns the same unit as one without."""
-    known = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
-    value = {name: one[0] for name, one in known.items()}
+    measured_values = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
+    value = {name: item[0] for name, item in measured_values.items()}
     plain, wrong = recorded({}, {}), recorded({}, value)
-    measured = replace(wrong, measured=measured_causes(known))
-    ours, theirs = (calibrate_model([one], description) for one in (plain, measured))
+    measured = replace(wrong, measured=measured_causes(measured_values))
+    ours, theirs = (calibrate_model([item], description) for item in (plain, measured))
     assert theirs.travel_ratio == pytest.approx(ours.travel_ratio, abs=1e-4)
     assert theirs.law_offset == pytest.approx(ours.law_offset, abs=0.05 * HELD)
     assert theirs.unit.friction == pytest.approx(ours.unit.friction, abs=0.01)

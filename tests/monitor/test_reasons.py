@@ -55,12 +55,12 @@ _NAMES: dict[str, Any] = {
 def made(kind: type[Reason]) -> Reason:
     """Return a reason with a value in each of its fields."""
     by_type = {float: 0.1 + 0.2, int: 3, bool: True, str: "speed"}
-    own = [item for item in fields(kind) if item.name not in ("stretches", "of_stretches")]
+    value_fields = [item for item in fields(kind) if item.name not in ("stretches", "of_stretches")]
     values: dict[str, Any] = {
         item.name: next(iter(item.type))
         if isinstance(item.type, type) and issubclass(item.type, Enum)
         else _NAMES.get(item.name, by_type.get(item.type))
-        for item in own
+        for item in value_fields
     }
     return kind(**values)
 
@@ -79,8 +79,8 @@ def test_each_reason_has_a_sentence_with_its_values(reason: Reason):
 @pytest.mark.parametrize("reason", REASONS, ids=KINDS)
 def test_each_reason_is_restored_from_json(reason: Reason):
     counted = replace(reason, stretches=2, of_stretches=5)
-    for one in (reason, counted):
-        assert Reason.of_record(json.loads(json.dumps(one.as_record()))) == one
+    for item in (reason, counted):
+        assert Reason.of_record(json.loads(json.dumps(item.as_record()))) == item
 
 
 def test_number_that_json_does_not_have_is_restored():
@@ -104,6 +104,6 @@ def test_codes_are_unique():
 def test_reasons_that_differ_only_in_numbers_are_of_one_kind():
     assert NoTravel(0.1, 0.5).kind == NoTravel(0.2, 0.5).kind
     assert NotMeasured("speed").kind != NotMeasured("current").kind
-    tau, other = (OtherUnit((("tau", value, 0.3),)) for value in (0.1, 0.2))
-    assert tau.kind == other.kind != OtherUnit((("k_t", 0.1, 0.3),)).kind
+    tau, other_tau = (OtherUnit((("tau", value, 0.3),)) for value in (0.1, 0.2))
+    assert tau.kind == other_tau.kind != OtherUnit((("k_t", 0.1, 0.3),)).kind
     assert replace(tau, stretches=2, of_stretches=5).kind == tau.kind

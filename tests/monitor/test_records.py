@@ -61,13 +61,13 @@ def events_of(
 
 def spans(events: list[Segment | Defect]) -> list[tuple[int, int, int]]:
     """Return first index, number of samples to the last, and first stamp of each record."""
-    found = []
+    records = []
     for event in events:
         assert isinstance(event, Segment), event
         assert isinstance(event.window, Window), event
         samples, omitted = event.window.telemetry, sum(map(len, event.window.omitted))
-        found.append((samples.first_index, len(samples) + omitted, samples.stamp_ns))
-    return found
+        records.append((samples.first_index, len(samples) + omitted, samples.stamp_ns))
+    return records
 
 
 def seconds(events: list[Segment | Defect], h: float = H) -> list[tuple[float, float]]:
@@ -105,10 +105,10 @@ def test_records_do_not_depend_on_the_sizes_of_blocks(seed: int):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_records_neither_overlap_nor_exceed_twice_their_length(seed: int):
-    found = spans(events_of(telemetry(random_day(seed)), settings=TriggerSettings(record_s=20.0)))
-    for (first, count, _), (following, _, _) in pairwise(found):
+    records = spans(events_of(telemetry(random_day(seed)), settings=TriggerSettings(record_s=20.0)))
+    for (first, count, _), (following, _, _) in pairwise(records):
         assert first + count <= following
-    assert all(2.0 <= count * H <= 40.0 for _, count, _ in found)
+    assert all(2.0 <= count * H <= 40.0 for _, count, _ in records)
 
 
 @pytest.mark.parametrize("h", [0.04, 0.01, 0.001])
@@ -123,12 +123,12 @@ def test_file_of_25_s_with_short_rests_is_one_record(h: float):
 
 def test_rest_of_5_s_ends_a_record_at_once_and_half_a_second_of_rest_remains():
     position = np.concatenate([rest(8.0), sine(6.0), rest(30.0), sine(4.0), rest(10.0)])
-    finder, found = WindowFinder(TriggerSettings(), UNKNOWN), list[float]()
+    finder, record_ends = WindowFinder(TriggerSettings(), UNKNOWN), list[float]()
     for number in range(0, len(position), 10):
         if finder.feed(telemetry(position[number : number + 10], first_index=number + 1)):
-            found.append((number + 10) * H)
+            record_ends.append((number + 10) * H)
     # Bins of 0.04 s are processed 12 at a time.
-    assert found == pytest.approx([19.0 + 0.3, 53.0 + 0.3], abs=0.35)
+    assert record_ends == pytest.approx([19.0 + 0.3, 53.0 + 0.3], abs=0.35)
     # Motion begins and ends within a bin; at the turning points of the sine, its speed is 0.
     ends = seconds(events_of(telemetry(position)))
     assert ends == [pytest.approx(span, abs=0.1) for span in ((7.5, 14.5), (43.5, 48.5))]
@@ -144,11 +144,13 @@ def test_long_motion_ends_at_the_first_rest_after_record_s():
 
 
 def test_motion_without_rest_ends_at_twice_record_s_and_loses_no_sample():
-    found = spans(events_of(telemetry(sine(300.0))))
+    records = spans(events_of(telemetry(sine(300.0))))
     # 120 s, in whole bins of 4 samples; the first begins within a bin.
-    assert [count * H for _, count, _ in found] == pytest.approx([120.0, 120.0, 60.0], abs=0.09)
-    assert sum(count for _, count, _ in found) == 30_000
-    assert [first for first, _, _ in found][1:] == [first + count for first, count, _ in found[:-1]]
+    assert [count * H for _, count, _ in records] == pytest.approx([120.0, 120.0, 60.0], abs=0.09)
+    assert sum(count for _, count, _ in records) == 30_000
+    assert [first for first, _, _ in records][1:] == [
+        first + count for first, count, _ in records[:-1]
+    ]
 
 
 @pytest.mark.parametrize("more", range(-4, 5))
@@ -191,8 +193,8 @@ def test_rejected_block_and_changed_description_end_a_record():
     assert spans([record])[0][:2] == (1, 400)
     assert defect == Defect(whole.stamp_at(400), "no telemetry")
     finder.feed(whole.part(400, 800))
-    other = replace(UNKNOWN, serial_number="B-2")
-    record, defect = finder.describe(other)
+    replaced = replace(UNKNOWN, serial_number="B-2")
+    record, defect = finder.describe(replaced)
     assert isinstance(record, Segment)
     # The record belongs to the unit that moved, not to the new one.
     assert record.description == UNKNOWN
@@ -200,7 +202,7 @@ def test_rejected_block_and_changed_description_end_a_record():
     finder.feed(whole.part(800, 1200))
     [record] = finder.finish()
     assert isinstance(record, Segment)
-    assert record.description == other
+    assert record.description == replaced
 
 
 def test_two_units_that_publish_alternately_give_no_record():
@@ -396,8 +398,8 @@ def test_record_has_the_stamp_of_the_block_in_which_it_begins(size: int):
         blocks.append(replace(block, stamp_ns=block.stamp_ns + 1000 * start))
         events += finder.feed(blocks[-1])
     [(first, _, stamp_ns)] = spans(events)
-    [own] = [one for one in blocks if 0 <= first - one.first_index < len(one)]
-    assert stamp_ns == own.stamp_at(first - own.first_index)
+    [own_block] = [part for part in blocks if 0 <= first - part.first_index < len(part)]
+    assert stamp_ns == own_block.stamp_at(first - own_block.first_index)
 
 
 def test_rate_too_high_for_a_record_is_named():
@@ -442,7 +444,9 @@ def test_position_that_stands_still_although_the_command_moves_is_a_record(size)
     records = records_of(whole, size, TriggerSettings(record_s=30.0))
     assert sum(len(record.telemetry) for record in records) == len(whole)
     # A decision waits for the bins of one second.
-    assert [len(one.telemetry) * H for one in records[:3]] == pytest.approx([30.0] * 3, abs=1.0)
+    assert [len(window.telemetry) * H for window in records[:3]] == pytest.approx(
+        [30.0] * 3, abs=1.0
+    )
     assert not events_of(seized(1.5), size)
 
 
@@ -485,9 +489,9 @@ def test_records_begin_at_least_an_interval_apart_and_skipped_motion_is_not_kept
         [rest(3.0), *[part for _ in range(40) for part in (sine(6.0), rest(1.0))]]
     )
     settings = TriggerSettings(record_s=10.0, record_interval_s=60.0)
-    found = seconds(events_of(telemetry(work), settings=settings))
-    begins = [begin for begin, _ in found]
-    assert len(found) == 5
+    records = seconds(events_of(telemetry(work), settings=settings))
+    begins = [begin for begin, _ in records]
+    assert len(records) == 5
     assert min(np.diff(begins)) >= 60.0
     trigger = RecordTrigger(UNKNOWN.parameters, settings)
     kept = []

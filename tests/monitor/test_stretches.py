@@ -41,7 +41,7 @@ def test_stretches_cover_the_motion_and_do_not_overlap(stretches):
 
 
 def test_stretches_do_not_depend_on_the_length_of_the_blocks(motion, stretches):
-    expected = [(one.start_ns, one.end_ns, one.play) for one in stretches]
+    expected = [(stretch.start_ns, stretch.end_ns, stretch.play) for stretch in stretches]
     for size in (7, len(motion)):
         assert [(w.start_ns, w.end_ns, w.play) for w in stretches_of(motion, size)] == expected
 
@@ -52,13 +52,13 @@ def test_stretches_begin_where_the_motor_drives_the_shaft(motion, stretches):
     # The simulation has the position of the motor, the telemetry only its speed.
     turned = H * np.cumsum(motion.speed)
     shaft = motion.position / FLAP.parameters.tau
-    known = [one for one in stretches if one.play is not None]
-    assert len(known) >= len(stretches) - 1
-    for one in known:
-        start = one.telemetry.first_index - motion.first_index
+    with_play = [stretch for stretch in stretches if stretch.play is not None]
+    assert len(with_play) >= len(stretches) - 1
+    for stretch in with_play:
+        start = stretch.telemetry.first_index - motion.first_index
         play = (turned[start] - shaft[start]) / half_width
         # Speeds at the ends of samples give the angle to some milliradians.
-        assert one.play == pytest.approx(play, abs=0.1)
+        assert stretch.play == pytest.approx(play, abs=0.1)
 
 
 def test_rest_gives_no_stretch_and_refuses_none():
@@ -89,5 +89,5 @@ def test_finder_marks_stretches(motion):
     finder = WindowFinder(SETTINGS, FLAP)
     segments = [event for block in blocks(motion, 1000) for event in finder.feed(block)]
     assert segments
-    assert all(isinstance(one, Segment) and one.is_stretch for one in segments)
+    assert all(isinstance(segment, Segment) and segment.is_stretch for segment in segments)
     assert finder.finish() == []

@@ -194,8 +194,8 @@ def no_numbers(column, value):
         row = getattr(parts[number], column).copy()
         row[[37, 62]] = value
         reason = f"{column} is {value} at index {100 * number + 38} (2 such samples in its block)"
-        other = replace(parts[number], **{column: row})
-        return [*parts[:number], other, *parts[number + 1 :]], reason, 0
+        changed = replace(parts[number], **{column: row})
+        return [*parts[:number], changed, *parts[number + 1 :]], reason, 0
 
     return spoiled
 
@@ -228,13 +228,13 @@ def clock_is_set_back(parts, number):
 def test_defect_is_named_and_does_not_outlast_its_window(two_cycles, place, defect):
     """All windows whose approach comes after the defect are detected."""
     parts, reason, lost = defect(two_cycles, PLACES[place])
-    first, *others = feed(parts)
+    first, *later = feed(parts)
     [named] = only(Refusal, [first]) if place == "in a window" else only(Defect, [first])
     assert reason in named.reason
     if isinstance(named, Refusal):
         # Up to the last sample before the defect.
         assert (named.start_ns, named.end_ns) == (stamp(STARTS[0]), stamp(100 * PLACES[place]))
-    windows = only(Window, others)
+    windows = only(Window, later)
     starts = STARTS[1:] if place == "in a window" else STARTS
     assert [window.telemetry.first_index + lost for window in windows] == starts
     assert {window.play for window in windows} == {1.0}
@@ -245,10 +245,10 @@ def test_change_of_the_sample_period_is_named(two_cycles, place):
     number = PLACES[place]
     changed = stream(np.repeat(CYCLE.samples, 2), first_index=100 * number + 1)
     faster = replace(changed, sample_period=H / 2)
-    event, *others = feed([*two_cycles[:number], faster])
+    event, *later = feed([*two_cycles[:number], faster])
     [named] = only(Refusal, [event]) if place == "in a window" else only(Defect, [event])
     assert named.reason == "the sample period changed from 0.0001 s to 5e-05 s"
-    [window] = only(Window, others)
+    [window] = only(Window, later)
     assert len(window) == 10_000
     assert window.sample_period == H / 2
 

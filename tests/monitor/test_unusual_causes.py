@@ -43,7 +43,11 @@ def test_equal_short_circuits_warn_although_they_look_like_a_weaker_motor(turns:
     # Their share of the limit 0.25, as if the turns were lost.
     assert health.health_index == pytest.approx(1.0 - turns / 0.25, abs=0.05)
     if not any(item.level == WARN for item in health.faults):
-        [torque] = [one for one in health.requirements if one.name == TORQUE_PER_AMPERE]
+        [torque] = [
+            requirement
+            for requirement in health.requirements
+            if requirement.name == TORQUE_PER_AMPERE
+        ]
         assert torque.level == WARN
         assert torque.value == pytest.approx(1.0 - turns, abs=0.01)
         assert "torque constant" in health.reason
@@ -97,10 +101,10 @@ def test_bound_decides_and_for_a_degraded_estimate_the_value(name: str):
     beyond = CauseEstimate(name, -limit - (ONE_SIDED_95 * sigma + 1e-6), sigma)
     within = beyond._replace(value=-limit - (ONE_SIDED_95 * sigma - 1e-6))
     for field in ("causes", "measured"):
-        given: dict[str, Any] = {field: (beyond,)}
-        assert name in unusual_causes(estimated(**given))
-        given = {field: (within,)}
-        assert not unusual_causes(estimated(**given))
+        fields: dict[str, Any] = {field: (beyond,)}
+        assert name in unusual_causes(estimated(**fields))
+        fields = {field: (within,)}
+        assert not unusual_causes(estimated(**fields))
     degraded = estimated(verdict=DEGRADED)
     assert name in unusual_causes(replace(degraded, causes=(within,)))
     usual = within._replace(value=0.9 * limit)

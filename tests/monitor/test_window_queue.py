@@ -117,15 +117,15 @@ def test_waiting_windows_are_counted_while_others_come_and_go():
             queue.add(found(0), None)
             queue.next()
 
-    other = threading.Thread(target=come_and_go)
-    other.start()
+    thread = threading.Thread(target=come_and_go)
+    thread.start()
     try:
         for _ in range(2000):
             assert 49 <= len(queue) <= 51
     except RuntimeError as error:
         failures.append(error)
     ended.set()
-    other.join(DEADLINE_S)
+    thread.join(DEADLINE_S)
     assert failures == []
 
 

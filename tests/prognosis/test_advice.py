@@ -98,14 +98,14 @@ def test_axis_extends_past_the_likely_end_of_life_but_not_far_past_the_observati
 
 
 def test_distribution_of_the_earlier_of_two_lives():
-    one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
-    other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
+    first = RemainingLife(True, 10.0, 50.0, 90.0, "one")
+    second = RemainingLife(True, 20.0, 40.0, 95.0, "other")
     unknown = RemainingLife.unknown("none", "no growth")
     # For independent lives, the first to end does so sooner than either.
     both = RemainingLife(True, 5.0, 30.0, 92.0, "any")
-    assert earlier(one, other, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
-    assert earlier(one, other, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
-    assert earlier(one, unknown, unknown) == earlier(unknown, one, unknown) == one
+    assert earlier(first, second, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
+    assert earlier(first, second, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
+    assert earlier(first, unknown, unknown) == earlier(unknown, first, unknown) == first
     too_far = RemainingLife.unknown("x", "too far")
     assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
 
@@ -134,9 +134,9 @@ def test_removal_does_not_contradict_published_quantiles(
 def test_removal_with_an_unknown_part_stays_unknown():
     unknown = removal_of(RemainingLife.unknown("", "why"), np.empty(0), 0.05, 2.0, 8.0)
     assert all(map(math.isnan, (unknown.hours, unknown.cycles, unknown.days)))
-    known = removal_of(LIFETIME, LIVES, 0.05, math.nan, math.nan)
-    assert known.hours == 50.0
-    assert all(map(math.isnan, (known.cycles, known.days)))
+    removal = removal_of(LIFETIME, LIVES, 0.05, math.nan, math.nan)
+    assert removal.hours == 50.0
+    assert all(map(math.isnan, (removal.cycles, removal.days)))
 
 
 N = 2000
@@ -161,17 +161,17 @@ def test_age_replacement_of_a_weibull_life_agrees_with_renewal_theory():
     excess = 2.0 * t / 100.0**2 * area - (1.0 - survival) - 1.0 / 4.0
     best = t[np.searchsorted(excess, 0.0)]
     rate = (1.0 + 4.0 * (1.0 - np.exp(-((best / 100.0) ** 2)))) / np.interp(best, t, area)
-    found = decision(weibull(2.0, 100.0), interval=1e4).remove()
+    removal = decision(weibull(2.0, 100.0), interval=1e4).remove()
     # The optimum is flat: its cost rate is exact, its position less so.
-    assert found.rate == pytest.approx(rate, rel=2e-3)
-    assert found.removal_hours == pytest.approx(best, rel=0.1)
+    assert removal.rate == pytest.approx(rate, rel=2e-3)
+    assert removal.removal_hours == pytest.approx(best, rel=0.1)
 
 
 def test_memoryless_life_is_never_cut_short():
     """A removal before the failure saves nothing if the new unit is no better."""
     lives = weibull(1.0, 100.0)
-    found = decision(lives, interval=1e5).remove()
-    assert found.removal_hours == pytest.approx(lives[-1])
+    removal = decision(lives, interval=1e5).remove()
+    assert removal.removal_hours == pytest.approx(lives[-1])
 
 
 def test_removal_before_a_certain_end_waits_while_a_test_comes_before_it():
@@ -234,10 +234,10 @@ def test_uninformative_inspection_adds_only_its_cost():
     ],
 )
 def test_without_usable_costs_there_is_no_advice(life, costs: Costs, words: str):
-    found = advise(life.outlooks[19], costs)
-    assert found.action == "unknown"
-    assert words in found.reason
-    assert math.isnan(found.hours)
+    advice = advise(life.outlooks[19], costs)
+    assert advice.action == "unknown"
+    assert words in advice.reason
+    assert math.isnan(advice.hours)
 
 
 def test_advice_changes_from_continue_to_remove_before_the_limit(life):
@@ -247,19 +247,19 @@ def test_advice_changes_from_continue_to_remove_before_the_limit(life):
     actions = {}
     for tests in (26, 34, 40, 44):
         outlook = life.outlooks[tests - 1]
-        actions[tests] = found = advise(outlook, COSTS)
-        assert found.hours == pytest.approx(outlook.hours + found.from_now)
-        assert found.rate <= found.rate_at_once
-    assert [one.action for one in actions.values()][:2] == ["continue", "continue"]
+        actions[tests] = advice = advise(outlook, COSTS)
+        assert advice.hours == pytest.approx(outlook.hours + advice.from_now)
+        assert advice.rate <= advice.rate_at_once
+    assert [action.action for action in actions.values()][:2] == ["continue", "continue"]
     assert actions[44].action == "remove"
     assert actions[44].hours < 460.0
     assert "kEUR/h" in actions[44].reason
 
 
 def test_failed_unit_is_advised_to_be_removed_at_once(life):
-    found = advise(life.outlooks[-1], COSTS)
-    assert (found.action, found.from_now, found.probability) == ("remove", 0.0, 1.0)
-    assert found.reason.startswith("Remove now: failed since")
+    advice = advise(life.outlooks[-1], COSTS)
+    assert (advice.action, advice.from_now, advice.probability) == ("remove", 0.0, 1.0)
+    assert advice.reason.startswith("Remove now: failed since")
 
 
 MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, 0.62, True, 0.4)

@@ -52,25 +52,25 @@ def repaired(law: tuple[float, float, float], seed: int, later: int) -> tuple[Un
     for after in range(later):
         test = worn_test(number + after, 10.0 * after, law, rng)
         made.append(unit.update(test, None, TEN_HOURS))
-    return unit, [one for one in made if one is not None]
+    return unit, [item for item in made if item is not None]
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=list(LAWS))
 @pytest.mark.parametrize("seed", [1, 2])
 def test_no_life_is_reported_before_five_tests_after_a_repair(law, seed):
     unit, made = repaired(law, seed, later=12)
-    kinds = [[event.kind for event in one.events] for one in made]
+    kinds = [[event.kind for event in outlook.events] for outlook in made]
     last = max(number for number, some in enumerate(kinds) if "repair" in some)
     soon = made[last : last + LEAST_TESTS - 1]
-    assert OK in {one.health.level for one in soon}
-    for number, one in enumerate(soon, start=1):
+    assert OK in {outlook.health.level for outlook in soon}
+    for number, outlook in enumerate(soon, start=1):
         words = f"fewer than 5 tests since the repair or new baseline at {made[last].hours:,.0f} h"
-        assert words in one.rul.reason
-        assert f"about {LEAST_TESTS - number} more test" in one.rul.reason
-        assert not any(life.known for life in one.lives.values())
-        assert math.isnan(one.removal.hours)
-        assert not one.lifetimes.size
-        assert removal_in_words(one).startswith("No removal date yet: fewer than 5 tests")
+        assert words in outlook.rul.reason
+        assert f"about {LEAST_TESTS - number} more test" in outlook.rul.reason
+        assert not any(life.known for life in outlook.lives.values())
+        assert math.isnan(outlook.removal.hours)
+        assert not outlook.lifetimes.size
+        assert removal_in_words(outlook).startswith("No removal date yet: fewer than 5 tests")
     assert "repair" not in made[last + LEAST_TESTS].rul.reason
     # Replaying the tests gives the same outlooks.
     again = Unit(unit.history, TEN_HOURS).resume(None, TEN_HOURS)

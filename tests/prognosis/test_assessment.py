@@ -85,7 +85,7 @@ def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
     again = History(*UNIT, path)
     again.close()
     assert again.assessments == history.assessments
-    assert [one.level for one in again.assessments.values()] == [OK, ERROR, OK]
+    assert [stored.level for stored in again.assessments.values()] == [OK, ERROR, OK]
 
 
 def test_damaged_assessment_renames_the_file_and_loses_no_test(path: Path):
@@ -113,8 +113,8 @@ def test_fault_restart_and_calibration_are_reported_once_as_events(path: Path):
     [restart] = [event for event in kinds(unit) if event[1] == "restart"]
     assert restart[2] == "the monitor started and read 4 valid tests"
     assert sum(kind == "fault" for _, kind, _ in kinds(unit)) == 1
-    other = replace(made_test(5, friction=0.3), calibration_id="another")
-    unit.update(other, None, TEN_HOURS)
+    recalibrated = replace(made_test(5, friction=0.3), calibration_id="another")
+    unit.update(recalibrated, None, TEN_HOURS)
     [changed] = [text for _, kind, text in kinds(unit) if kind == "calibration"]
     assert changed == "another instead of some-calibration"
 
@@ -125,7 +125,7 @@ def test_note_of_a_person_is_one_event_and_survives_restarts_and_tests(path: Pat
     first_ns = unit.history.entries[0].stamp_ns
     unit.note("Ada", "seen", stamp_ns=first_ns)
     outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
-    events = [one.events for one in outlooks if one]
+    events = [outlook.events for outlook in outlooks if outlook]
     assert events == [(UnitEvent(first_ns, 10.0, Note("Ada", "seen")),), ()]
     unit.history.close()
     unit, _ = lived(path, [0.3], first=2)
@@ -154,13 +154,13 @@ def test_notes_of_one_person_leave_room_for_notes_of_others(path: Path):
 
 def test_outlook_has_the_stored_assessment_of_its_history(path: Path):
     unit, outlook = lived(path, [0.02, 0.02, 0.3])
-    found = unit.history.assessments[outlook.stamp_ns]
-    assert outlook.events == found.events
-    assert [event.kind for event in found.events] == ["outlier", "fault"]
+    stored = unit.history.assessments[outlook.stamp_ns]
+    assert outlook.events == stored.events
+    assert [event.kind for event in stored.events] == ["outlier", "fault"]
     again = unit.resume(None, TEN_HOURS)  # as after the requirements were fitted
     assert again is not None
     assert again.events == ()
-    assert unit.history.assessments[outlook.stamp_ns].events == found.events
+    assert unit.history.assessments[outlook.stamp_ns].events == stored.events
 
 
 N = 8
@@ -222,7 +222,10 @@ def test_restart_from_stored_growth_gives_bit_identical_results(
             odd = cycle.estimate.faults._replace(friction=0.6)
             cycle = cycle._replace(estimate=replace(cycle.estimate, faults=odd))
         cycles.append(cycle)
-    expected = [plain(one) if one else "" for one in follow(Unit(History(*UNIT)), cycles, settings)]
+    expected = [
+        plain(outlook) if outlook else ""
+        for outlook in follow(Unit(History(*UNIT)), cycles, settings)
+    ]
     printed = []
     for first in range(0, 16, 3):
         printed += followed(path, cycles[first : first + 3], settings)
@@ -256,9 +259,9 @@ def test_damaged_growth_is_recomputed_from_the_tests(path: Path, fed: list[float
 
 def test_stored_growth_of_other_settings_is_not_used(path: Path, fed: list[float]):
     followed(path, [worn(number) for number in range(N)])
-    other = replace(TEN_HOURS, tracker=TrackerSettings(process_noise=0.2))
+    changed = replace(TEN_HOURS, tracker=TrackerSettings(process_noise=0.2))
     fed.clear()
-    assert resumed(path, other) != resumed(path)
+    assert resumed(path, changed) != resumed(path)
     assert len(fed) == N
 
 

@@ -38,8 +38,8 @@ def test_level_that_falls_with_a_new_baseline_is_not_a_repair(worn: float):
     unit = Unit(History(*UNIT), HOURS)
     follow(unit, 0, [worn] * 8, "first")
     events = follow(unit, 8, [0.0] * 8, "second")
-    assert not [one for one in events if one.kind in ("repair", "step")]
-    changes = [text_of(one.occurrence) for one in events if one.kind is EventKind.CALIBRATION]
+    assert not [event for event in events if event.kind in ("repair", "step")]
+    changes = [text_of(event.occurrence) for event in events if event.kind is EventKind.CALIBRATION]
     assert changes[0] == "second instead of first"
     assert any("the baseline changed" in text and "friction fell from" in text for text in changes)
 
@@ -52,7 +52,7 @@ def test_repair_with_an_unchanged_baseline_is_a_repair(change: int):
     baseline = "second" if change else "first"
     follow(unit, 8, [0.4] * 8, baseline)
     events = follow(unit, 16, [0.0] * 4, baseline)
-    assert [one.kind for one in events if one.kind in ("repair", "calibration")] == ["repair"]
+    assert [event.kind for event in events if event.kind in ("repair", "calibration")] == ["repair"]
 
 
 def test_alarm_names_its_cause_until_it_ends(tmp_path: Path):
@@ -93,9 +93,9 @@ def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tm
     unit.history.close()
     again = Unit(History(*UNIT, path), HOURS)
     tests, _ = again.latest_tests(100)
-    kept = [one for test in tests if test.assessment for one in test.assessment.events]
+    kept = [item for test in tests if test.assessment for item in test.assessment.events]
     assert event in kept
-    assert not [one for one in kept if one.kind == "repair"]
+    assert not [item for item in kept if item.kind == "repair"]
     assert tests[-1].assessment is not None
     assert tests[-1].assessment.level == OK
     # The OK is shown together with the change of the baseline, also after a restart.

@@ -33,8 +33,8 @@ def test_pace_decorrelates_within_its_hours():
 
 
 def test_time_at_a_lasting_pace_is_divided_by_the_pace():
-    own, rng = np.full(200, 5.0), np.random.default_rng(0)
-    hours = wander.hours_of(own, np.full(200, wander.LOG_MEAN + np.log(2.0)), rng)
+    own_hours, rng = np.full(200, 5.0), np.random.default_rng(0)
+    hours = wander.hours_of(own_hours, np.full(200, wander.LOG_MEAN + np.log(2.0)), rng)
     # Over 1 % of its correlation time, a pace changes by 0.07.
     assert np.median(hours) == pytest.approx(2.5, rel=0.1)
 
@@ -78,9 +78,9 @@ def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck
 # A quarter of 75 predictions, weighted towards the later ones, determines a spread to 15 %.
 @pytest.mark.parametrize(("factor", "misses"), [(1.5, 0), (2.2, 0), (2.2, 10), (2.2, 19)])
 def test_too_narrow_predictions_are_widened_by_the_right_factor(factor, misses):
-    found = checked(factor, misses=misses).of(FRICTION)
-    assert found.ahead == pytest.approx(factor, rel=0.3)
-    assert found.widening == pytest.approx(factor, rel=0.2)
+    widening = checked(factor, misses=misses).of(FRICTION)
+    assert widening.ahead == pytest.approx(factor, rel=0.3)
+    assert widening.widening == pytest.approx(factor, rel=0.2)
 
 
 def test_right_or_too_wide_predictions_are_unchanged():
@@ -91,19 +91,19 @@ def test_right_or_too_wide_predictions_are_unchanged():
 
 
 def test_prediction_is_dropped_after_a_gap_longer_than_its_range():
-    one = checked(1.0, tests=80)
-    scores = one.of(FRICTION).ahead
+    tested = checked(1.0, tests=80)
+    scores = tested.of(FRICTION).ahead
     assert np.isnan(checked(1.0, tests=check.AHEAD).of(FRICTION).ahead)
     for test in range(check.AHEAD):
-        one.observe(observed(1e5 + test, {"friction": 0.5}), ALL)
-    assert one.of(FRICTION).ahead == scores
+        tested.observe(observed(1e5 + test, {"friction": 0.5}), ALL)
+    assert tested.of(FRICTION).ahead == scores
 
 
 def test_repaired_part_starts_without_scores():
-    one = checked(2.2)
-    one.restart(FRICTION, is_new=True)
-    assert np.isnan(one.of(FRICTION).ahead)
-    assert one.widening()[FRICTION] == pytest.approx(1.0)
+    tested = checked(2.2)
+    tested.restart(FRICTION, is_new=True)
+    assert np.isnan(tested.of(FRICTION).ahead)
+    assert tested.widening()[FRICTION] == pytest.approx(1.0)
 
 
 def test_widening_keeps_the_median_and_spreads_the_other_quantiles():
@@ -127,12 +127,12 @@ def test_scores_of_calibrated_predictions_are_near_one():
     tracker, rng = Tracker(), np.random.default_rng(2)
     for test in range(90):
         tracker.update(observed(10.0 * test, {"friction": 0.05 + 4e-3 * test}, rng))
-    found = of(tracker, "friction").calibration
+    scores = of(tracker, "friction").calibration
     # 90 scores with a forgetting factor of 0.98: the root mean square is known to 10 %. Without
     # noise, growth is predicted better than claimed, some tests ahead.
-    assert found.one_step == pytest.approx(1.0, abs=0.25)
-    assert found.ahead < 1.3
-    assert 1.0 <= found.widening < 1.2
+    assert scores.one_step == pytest.approx(1.0, abs=0.25)
+    assert scores.ahead < 1.3
+    assert 1.0 <= scores.widening < 1.2
 
 
 @pytest.mark.slow

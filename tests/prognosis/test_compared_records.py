@@ -51,9 +51,9 @@ def grown(number: int) -> Comparison:
 
 def followed(of: Iterable[Comparison], path: Path | None = None) -> tuple[Unit, list[Outlook]]:
     unit = Unit(History(*UNIT, path), TEN_HOURS)
-    outlooks = [unit.update(record(n, one), None, TEN_HOURS) for n, one in enumerate(of)]
+    outlooks = [unit.update(record(n, item), None, TEN_HOURS) for n, item in enumerate(of)]
     assert None not in outlooks
-    return unit, [one for one in outlooks if one is not None]
+    return unit, [item for item in outlooks if item is not None]
 
 
 def test_growth_of_friction_is_tracked_like_a_fault():
@@ -84,9 +84,9 @@ def test_departure_warns_before_the_fault_does():
     assert last.health.health_index < 1.0
     words = "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %)"
     assert cause_of_level(last) == words
-    assert [text_of(one.occurrence) for one in last.events if one.kind is EventKind.DEPARTURE] == [
-        words
-    ]
+    assert [
+        text_of(event.occurrence) for event in last.events if event.kind is EventKind.DEPARTURE
+    ] == [words]
 
 
 def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Path):
@@ -102,15 +102,17 @@ def test_record_without_a_judgement_leaves_neither_level_nor_index(tmp_path: Pat
 
 
 def test_level_returns_with_the_next_record_that_judges_friction():
-    levels = [one.health.level for one in followed([HEALTHY, NO_FRICTION, NOTHING, HEALTHY])[1]]
+    levels = [
+        outlook.health.level for outlook in followed([HEALTHY, NO_FRICTION, NOTHING, HEALTHY])[1]
+    ]
     assert levels == [OK, STALE, STALE, OK]
 
 
 def test_unknown_level_names_the_last_known_one():
     for before in (HEALTHY, FRICTION_UP):
-        known, *later = followed([before, NO_FRICTION, NO_FRICTION, NOTHING])[1]
-        assert {one.health.level for one in later} == {STALE}
-        assert {one.known_level for one in later} == {known.health.level}
+        first, *later = followed([before, NO_FRICTION, NO_FRICTION, NOTHING])[1]
+        assert {outlook.health.level for outlook in later} == {STALE}
+        assert {outlook.known_level for outlook in later} == {first.health.level}
 
 
 def test_first_record_without_a_judgement_has_no_index():
@@ -122,7 +124,7 @@ def test_first_record_without_a_judgement_has_no_index():
 
 def test_records_without_friction_do_not_disturb_its_growth():
     plain_growth = followed(grown(number) for number in range(6))[1][-1]
-    of = [one for number in range(6) for one in (grown(number), NO_FRICTION)][:-1]
+    of = [item for number in range(6) for item in (grown(number), NO_FRICTION)][:-1]
     last = followed(of)[1][-1]
     assert last.health.faults[0].value == pytest.approx(
         plain_growth.health.faults[0].value, abs=0.01
@@ -150,8 +152,8 @@ def test_assessment_without_an_index_survives_storage(tmp_path: Path):
 def levels_of(*of: Comparison, confirmations: int = 2) -> list[int]:
     settings = replace(TEN_HOURS, level_confirmations=confirmations)
     unit = Unit(History(*UNIT), settings)
-    outlooks = [unit.update(record(n, one), None, settings) for n, one in enumerate(of)]
-    return [one.health.level for one in outlooks if one is not None]
+    outlooks = [unit.update(record(n, item), None, settings) for n, item in enumerate(of)]
+    return [item.health.level for item in outlooks if item is not None]
 
 
 def test_warning_of_a_departure_rises_at_once_and_ends_with_the_second_healthy_record():

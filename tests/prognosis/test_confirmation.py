@@ -39,7 +39,7 @@ def test_level_rises_at_once_and_falls_when_confirmed(
         outlook = unit.update(made_test(number, friction=FRICTION[level]), None, settings)
         assert outlook is not None
         health = outlook.health
-        [friction] = [one for one in health.faults if one.name == "friction"]
+        [friction] = [fault for fault in health.faults if fault.name == "friction"]
         assert (health.level, friction.level) == (expected, expected)
         assert friction.unconfirmed == (level if level < expected else None)
         assert (health.health_index < 1.0) == (outlook.dominant != "") or health.level == OK

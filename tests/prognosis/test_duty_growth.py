@@ -33,12 +33,12 @@ Duty = Callable[[int], FlownDuty]
 
 def flown(travel: float, load: float = 0.25, rise: float | None = None) -> FlownDuty:
     """Return ten hours of duty with a travel [rad/h], at one load and rise of the winding [K]."""
-    one = FlownDuty(INTERVAL_H)
-    one.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
+    duty = FlownDuty(INTERVAL_H)
+    duty.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
     if rise is not None:
         number = int((rise - LEAST_RISE) / CLASS_KELVIN)
-        one.winding[:, number] = INTERVAL_H * np.array([1.0, rise])
-    return one
+        duty.winding[:, number] = INTERVAL_H * np.array([1.0, rise])
+    return duty
 
 
 def harder_from(number: int, times: float = 3.0, seed: int = 0) -> Duty:
@@ -128,13 +128,13 @@ def test_hours_of_growth_refer_to_the_mean_duty_of_the_first_tests():
     prognostics, _ = flies(31, lambda n: flown(50.0 if n <= 15 else 100.0), friction)
     course = prognostics.growth.duty
     assert course is not None
-    own = course.own_hours
-    assert own[15] == pytest.approx(np.full(7, 160.0))
+    own_hours = course.own_hours
+    assert own_hours[15] == pytest.approx(np.full(7, 160.0))
     # Twice the travel at the same load gives twice the wear; the other faults grow by hours.
-    assert own[30, NUMBER_OF["friction"]] == pytest.approx(160.0 + 2.0 * 150.0)
-    assert own[30, NUMBER_OF["backlash"]] == pytest.approx(160.0 + 2.0 * 150.0)
+    assert own_hours[30, NUMBER_OF["friction"]] == pytest.approx(160.0 + 2.0 * 150.0)
+    assert own_hours[30, NUMBER_OF["backlash"]] == pytest.approx(160.0 + 2.0 * 150.0)
     for name in ("short_circuit_a", "eccentricity", "gain"):
-        assert own[30, NUMBER_OF[name]] == 310.0
+        assert own_hours[30, NUMBER_OF[name]] == 310.0
     trend = of(prognostics.growth.tracker, "friction").trend
     assert trend == pytest.approx(0.005 / INTERVAL_H, rel=0.6)
 
@@ -159,17 +159,17 @@ def course(*relative: float) -> DutyCourse:
 
 
 def test_interval_with_unknown_duty_repeats_the_one_before():
-    own = course(2.0, np.nan, np.nan, 1.0).own_hours[:, NUMBER_OF["friction"]]
-    assert own[-5:] == pytest.approx([100.0, 120.0, 140.0, 160.0, 170.0])
+    own_hours = course(2.0, np.nan, np.nan, 1.0).own_hours[:, NUMBER_OF["friction"]]
+    assert own_hours[-5:] == pytest.approx([100.0, 120.0, 140.0, 160.0, 170.0])
 
 
 def test_future_duty_is_drawn_from_the_past_and_widens_the_life():
     """The lives have 400 h of growth without scatter, so that all scatter comes from the duty."""
-    own = np.full((7, 2000), 400.0)
-    steady = course(*[1.0] * 30).as_flown(1.0).hours_of(own)[0]
+    own_hours = np.full((7, 2000), 400.0)
+    steady = course(*[1.0] * 30).as_flown(1.0).hours_of(own_hours)[0]
     rng = np.random.default_rng(1)
     varied = course(*np.exp(0.8 * rng.standard_normal(40))).as_flown(1.0)
-    hours = varied.hours_of(own)
+    hours = varied.hours_of(own_hours)
     assert steady == pytest.approx(400.0)
     assert np.ptp(np.quantile(hours[0], [0.05, 0.95])) > 100.0
     assert np.quantile(hours[0], [0.05, 0.95]).mean() == pytest.approx(
@@ -181,10 +181,10 @@ def test_future_duty_is_drawn_from_the_past_and_widens_the_life():
 def test_hours_of_service_and_hours_of_growth_are_inverse_functions():
     future = course(*np.random.default_rng(2).uniform(0.2, 3.0, 40)).as_flown(1.7)
     hours = np.array([1.0, 50.0, 400.0, 1e4, 1e5])
-    own = future.own_hours(hours, 200)
-    assert own.shape == (5, 7, 200)
-    for given, grown in zip(hours, own, strict=True):
-        assert future.hours_of(grown) == pytest.approx(np.full((7, 200), given))
+    own_hours = future.own_hours(hours, 200)
+    assert own_hours.shape == (5, 7, 200)
+    for service_hours, grown in zip(hours, own_hours, strict=True):
+        assert future.hours_of(grown) == pytest.approx(np.full((7, 200), service_hours))
     assert future.hours_of(np.array([[0.0, np.inf]] * 7)).tolist() == [[0.0, np.inf]] * 7
 
 
@@ -213,8 +213,8 @@ def test_future_duty_begins_as_after_the_latest_change():
 def test_changes_of_a_duty_are_detected_even_if_it_returns():
     missions = np.repeat([1.0, 3.0, 1.0, 3.0], 20)
     noise = np.exp(0.1 * np.random.default_rng(0).standard_normal(80))
-    found = [duty_changes(missions[:n] * noise[:n]).tolist() for n in (20, 40, 60, 80)]
-    assert found == [[], [20], [20, 40], [20, 40, 60]]
+    change_positions = [duty_changes(missions[:n] * noise[:n]).tolist() for n in (20, 40, 60, 80)]
+    assert change_positions == [[], [20], [20, 40], [20, 40, 60]]
 
 
 def test_scatter_is_not_mistaken_for_a_change_of_duty():
@@ -244,7 +244,9 @@ def test_scenarios_give_the_life_at_their_duty(by_damage):
         "twice": Scenario("twice", duty=2.0, hours_per_cycle=5.0),
     }
     now = prognostics.outlook(None, BY_DAMAGE)
-    reported = {name: prognostics.under(one, None, BY_DAMAGE) for name, one in asked.items()}
+    reported = {
+        name: prognostics.under(scenario, None, BY_DAMAGE) for name, scenario in asked.items()
+    }
     assert plain(reported["as flown"]) == plain(now)
     expected = {"idle": 2.0, "loads": 1.0 / 1.5, "hot": 1.0, "twice": 0.5}
     for name, ratio in expected.items():

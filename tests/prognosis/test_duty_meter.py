@@ -38,8 +38,8 @@ def travelled(flown: FlownDuty) -> float:
 
 def metered(*blocks: Telemetry, rise: float | None = None) -> FlownDuty:
     meter = DutyMeter(deque())
-    for one in blocks:
-        meter.add(one, PARAMETERS, rise)
+    for item in blocks:
+        meter.add(item, PARAMETERS, rise)
     meter.cut(0)
     return meter.take(0)
 
@@ -73,7 +73,7 @@ def test_travel_across_a_gap_is_unknown():
 
 
 @pytest.mark.parametrize(
-    ("one", "load"),
+    ("telemetry", "load"),
     [
         # Without a measured current, only travel counts; an impossible current counts as the
         # largest.
@@ -81,8 +81,8 @@ def test_travel_across_a_gap_is_unknown():
         (block([0.0, 0.1], share=1e20), 10.0),
     ],
 )
-def test_travel_without_a_usable_current_is_in_the_last_class(one: Telemetry, load: float):
-    assert classes(metered(one).travel) == [(9, pytest.approx(0.1), load)]
+def test_travel_without_a_usable_current_is_in_the_last_class(telemetry: Telemetry, load: float):
+    assert classes(metered(telemetry).travel) == [(9, pytest.approx(0.1), load)]
 
 
 @pytest.mark.parametrize(("rise", "number"), [(-300.0, 0), (-3.0, 9), (12.0, 11), (1e4, 31)])

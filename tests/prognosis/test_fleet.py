@@ -56,10 +56,10 @@ def flap(serial: str, path: Path | None = None, n: int = 40) -> History:
 def test_parts_combined_in_any_order_give_the_bit_identical_whole(units):
     whole = FleetGrowth(GRID, units).prior(LIMITS)
     names = list(units)
-    one, other = (
+    first, second = (
         FleetGrowth(GRID, {name: units[name] for name in half}) for half in (names[:3], names[2:])
     )
-    for both in (one.together(other), other.together(one)):
+    for both in (first.together(second), second.together(first)):
         prior = both.prior(LIMITS)
         assert prior == whole
         assert (prior.units, prior.counts) == (8, {"friction": 8})
@@ -68,8 +68,8 @@ def test_parts_combined_in_any_order_give_the_bit_identical_whole(units):
 
 def test_unit_in_two_parts_counts_with_the_part_that_has_more_tests(units):
     early = UnitGrowth(3, ())
-    for one, other in (({"a": early}, {"a": units["0"]}), ({"a": units["0"]}, {"a": early})):
-        assert FleetGrowth(GRID, one).together(FleetGrowth(GRID, other)).units["a"] is units["0"]
+    for first, second in (({"a": early}, {"a": units["0"]}), ({"a": units["0"]}, {"a": early})):
+        assert FleetGrowth(GRID, first).together(FleetGrowth(GRID, second)).units["a"] is units["0"]
 
 
 def test_distribution_follows_the_units_and_keeps_a_share_of_the_prior():
@@ -96,14 +96,14 @@ def test_fleet_improves_the_prediction_of_similar_units_and_does_not_harm_others
         return overall.known, overall.hours_50, overall.hours_95 - overall.hours_05
 
     # The same kind, after 300 h of its life of 1,000 h.
-    known, median, width = life(5e-4, 300.0, True)
+    is_known, median, width = life(5e-4, 300.0, True)
     _, median_without, width_without = life(5e-4, 300.0, False)
-    assert known
+    assert is_known
     assert abs(median - 700.0) <= 0.5 * abs(median_without - 700.0)
     assert width < width_without
     # A unit that grows four times as fast is predicted all the same: 250 h of life, after 130 h.
-    known, median, _ = life(2e-3, 130.0, True)
-    assert known
+    is_known, median, _ = life(2e-3, 130.0, True)
+    assert is_known
     assert median == pytest.approx(120.0, rel=0.15)
 
 
@@ -159,13 +159,13 @@ def test_arrays_of_a_wrong_kind_are_refused_by_name(tmp_path: Path, units):
 
 def test_different_limits_are_refused_and_reported_and_the_prognosis_continues(units):
     fleet = FleetGrowth(GRID, units)
-    other = HealthLimits(friction=0.3)
+    limits = HealthLimits(friction=0.3)
     with pytest.raises(ValueError, match="different limits"):
-        fleet.prior(other)
+        fleet.prior(limits)
     with pytest.raises(ValueError, match="different limits"):
-        fleet.together(FleetGrowth(grid_digest(other)))
+        fleet.together(FleetGrowth(grid_digest(limits)))
     history = flap("1")
-    settings = PrognosisSettings(limits=other, fleet=fleet)
+    settings = PrognosisSettings(limits=limits, fleet=fleet)
     outlook = Unit(history, settings).resume(None, settings)
     assert outlook is not None
     assert "the fleet is not used: the fleet has different limits" in outlook.assumption

@@ -107,17 +107,17 @@ def test_write_ahead_log_truncated_at_any_byte_loses_at_most_the_latest_test(pat
     running.append(entry(3))
     whole = path.with_name(path.name + "-wal").read_bytes()
     copy = path.with_name("copy.sqlite")
-    found = []
+    lengths = []
     for cut in [*range(0, len(whole), 997), len(whole)]:
         copy.write_bytes(before)
         copy.with_name(copy.name + "-wal").write_bytes(whole[:cut])
         restored, problem = hours(copy)
         assert problem == ""
         assert restored == [10.0 * number for number in range(len(restored))]
-        found.append(len(restored))
+        lengths.append(len(restored))
     running.close()
-    assert found == sorted(found)
-    assert (found[0], found[-1]) == (3, 4)
+    assert lengths == sorted(lengths)
+    assert (lengths[0], lengths[-1]) == (3, 4)
 
 
 @pytest.mark.long
@@ -137,11 +137,11 @@ def test_history_survives_repeated_kills(path: Path):
         # Each line is a number of tests; there is no other output.
         numbers = [int(line) for line in printed]
         assert numbers == list(range(reported + 1, reported + 1 + len(numbers)))
-        found, problem = hours(path)
+        stored, problem = hours(path)
         assert problem == ""
-        assert numbers[-1] <= len(found) <= numbers[-1] + 1
-        assert found == [10.0 * number for number in range(len(found))]
-        reported = len(found)
+        assert numbers[-1] <= len(stored) <= numbers[-1] + 1
+        assert stored == [10.0 * number for number in range(len(stored))]
+        reported = len(stored)
 
 
 def test_history_in_use_by_another_process_is_left_alone_until_that_process_is_killed(path: Path):
@@ -289,20 +289,20 @@ def test_truncated_file_is_renamed_unchanged(path: Path, share: float):
     whole = kept(path, 20)
     damaged = whole[: int(share * len(whole))]
     path.write_bytes(damaged)
-    found, problem = hours(path)
-    assert found == [10.0 * number for number in range(len(found))]
+    stored, problem = hours(path)
+    assert stored == [10.0 * number for number in range(len(stored))]
     assert "renamed to flap.set_aside_1.sqlite" in problem
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == damaged
     # Readable tests are in the new file.
-    assert hours(path) == (found, "") if found else not path.exists()
+    assert hours(path) == (stored, "") if stored else not path.exists()
 
 
 @pytest.mark.parametrize("content", [b"\x00\x01\xff" * 300, b"hours,friction\n", b"\x00" * 5000])
 def test_file_that_is_not_a_history_is_renamed(path: Path, content: bytes):
     path.parent.mkdir()
     path.write_bytes(content)
-    found, problem = hours(path)
-    assert found == []
+    stored, problem = hours(path)
+    assert stored == []
     assert "not a database" in problem
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == content
 
@@ -358,12 +358,12 @@ def test_tests_that_another_monitor_wrote_are_not_overwritten(path: Path):
 
 def test_history_of_another_unit_is_renamed_and_no_file_is_overwritten(path: Path):
     first = kept(path)
-    other = ("flap", "SIM-0002")
-    found, problem = hours(path, other)
-    assert found == []
+    second_unit = ("flap", "SIM-0002")
+    stored, problem = hours(path, second_unit)
+    assert stored == []
     assert "it belongs to unit [('flap', 'SIM-0001')], not ('flap', 'SIM-0002')" in problem
     second = kept(path, 1)
-    hours(path, other)
+    hours(path, second_unit)
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == first
     assert path.with_name("flap.set_aside_2.sqlite").read_bytes() == second
 
@@ -407,11 +407,11 @@ def test_deleted_repeated_or_swapped_entry_is_named_and_the_intact_ones_are_kept
         for statement in statements:
             db.execute(statement)
     changed = path.read_bytes()
-    found, problem = hours(path)
-    assert found == [10.0 * (number - 1) for number in intact]
+    stored, problem = hours(path)
+    assert stored == [10.0 * (number - 1) for number in intact]
     assert place in problem
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == changed
-    assert hours(path) == (found, "")
+    assert hours(path) == (stored, "")
 
 
 def test_late_tests_are_in_the_order_of_their_stamps(path: Path):
@@ -427,9 +427,9 @@ def test_history_that_lacks_a_table_is_renamed_and_its_tests_are_kept(path: Path
     kept(path)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute(f"DROP TABLE {table}")
-    found, problem = hours(path)
+    stored, problem = hours(path)
     assert f"no such table: {table}" in problem
     assert "renamed to" in problem
     # Without the table of the unit, it is unknown to which unit the tests belong.
-    assert found == ([] if table == "unit" else [0.0, 10.0, 20.0])
-    assert hours(path) == (found, "")
+    assert stored == ([] if table == "unit" else [0.0, 10.0, 20.0])
+    assert hours(path) == (stored, "")

@@ -42,7 +42,7 @@ def outlooks(
 
 
 def levels(made: Sequence[Outlook]) -> list[int]:
-    return [one.health.level for one in made]
+    return [outlook.health.level for outlook in made]
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
@@ -58,12 +58,12 @@ def test_fault_that_recurs_in_every_nth_test_is_never_ok_again(
     # A test that shows the fault reports it.
     assert made[again].health.level == ERROR
     assert made[-1].health.level == ERROR
-    assert max(one.health.health_index for one in made[again:]) == 0.0
+    assert max(item.health.health_index for item in made[again:]) == 0.0
     assert "friction is intermittent: beyond its limit in" in cause_of_level(made[-1])
     events = [
         event
-        for one in made
-        for event in one.events
+        for item in made
+        for event in item.events
         if "is intermittent" in text_of(event.occurrence)
     ]
     assert (events[0].kind, events[0].stamp_ns) == (EventKind.FAULT, FIRST_NS + again * PERIOD_NS)
@@ -77,7 +77,7 @@ def test_single_occurrence_and_a_lasting_fault_are_not_intermittent(settings: Pr
         [0.02] * 5 + [0.8] + [0.02] * 25 + [0.8],  # more than 20 tests apart
     ):
         made = outlooks(course, settings)[1]
-        assert not any("intermittent" in cause_of_level(one) for one in made)
+        assert not any("intermittent" in cause_of_level(outlook) for outlook in made)
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
@@ -91,7 +91,7 @@ def test_single_occurrence_warns_until_fourteen_tests_are_without_it(settings: P
     words = "friction was beyond its limit in one of the latest 4 tests: 11 more tests without it"
     assert words in cause_of_level(made[8])
     [event] = [
-        event for one in made for event in one.events if "was beyond" in text_of(event.occurrence)
+        event for item in made for event in item.events if "was beyond" in text_of(event.occurrence)
     ]
     assert (event.kind, event.stamp_ns) == (EventKind.FAULT, FIRST_NS + 6 * PERIOD_NS)
 
@@ -130,7 +130,7 @@ def test_noise_around_the_limit_is_not_intermittent():
     rng = np.random.default_rng(4)
     course = (0.5 + 0.004 * rng.standard_normal(40)).tolist()
     made = outlooks(course, SETTINGS[1])[1]
-    assert not any("intermittent" in cause_of_level(one) for one in made)
+    assert not any("intermittent" in cause_of_level(outlook) for outlook in made)
 
 
 def test_person_acknowledges_an_intermittent_fault_by_a_note_also_after_a_restart(tmp_path: Path):
@@ -191,7 +191,7 @@ def test_intermittent_failure_is_never_ok_again(settings: PrognosisSettings, eve
     again = 5 + 2 * every - 1
     assert made[again].health.level == ERROR
     assert min(levels(made[again:])) >= WARN
-    assert max(one.health.health_index for one in made[again:]) < 1.0
+    assert max(outlook.health.health_index for outlook in made[again:]) < 1.0
     words = cause_of_level(made[-1])
     assert "an intermittent failure: " in words
     assert "the latest by a phase is open; a person's note on its event" in words

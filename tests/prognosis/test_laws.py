@@ -86,7 +86,7 @@ each = pytest.mark.parametrize("name", FIGURES)
 
 
 def figures(name: str, n: int) -> Figures:
-    return Figures(*(np.full(n, one) for one in (1.0, *FIGURES[name], LIMIT)))
+    return Figures(*(np.full(n, value) for value in (1.0, *FIGURES[name], LIMIT)))
 
 
 def ahead(hours: np.ndarray, n: int, rng: np.random.Generator, noise: float) -> Future:
@@ -139,16 +139,16 @@ def test_life_by_jumps_is_the_mean_hours_to_the_jump_that_ends_it():
 @each
 def test_level_after_a_gap_equals_the_level_after_steps_of_the_same_length(name):
     law, of = TRACKED_LAWS[name], figures(name, 2 * 49)
-    found = []
+    levels = []
     for steps in (1, 6):
         weight, mean, variance = np.full(98, 0.5), np.full(98, 0.2), np.full(98, 1e-6)
         for _ in range(steps):
             law.advance(Levels(weight, mean, variance), of, np.full(98, 60.0 / steps), NOISE_HOURS)
         middle = np.average(mean, weights=weight)
         spread = np.average(variance + (mean - middle) ** 2, weights=weight)
-        found.append((middle, np.sqrt(spread)))
-    assert found[0][0] > 0.21
-    np.testing.assert_allclose(*found, rtol=0.05)
+        levels.append((middle, np.sqrt(spread)))
+    assert levels[0][0] > 0.21
+    np.testing.assert_allclose(*levels, rtol=0.05)
 
 
 @pytest.mark.slow
@@ -167,14 +167,14 @@ def test_law_is_predicted_over_a_gap_and_a_restart_and_reset_by_a_repair(name):
     for number in np.flatnonzero(is_shown):
         tracker.update(observed(hours[number], {"friction": values[number]}, rng, 0.001))
     restored.restore(tracker.state())
-    one, other = tracker.predict(), restored.predict()
-    np.testing.assert_array_equal(one.samples, other.samples)
+    original, after_restart = tracker.predict(), restored.predict()
+    np.testing.assert_array_equal(original.samples, after_restart.samples)
     left = float(law.hours_until(values[-1:], of)[0])
-    assert one.dominant_fault == "friction"
-    assert one.overall.hours_05 < left < one.overall.hours_95
+    assert original.dominant_fault == "friction"
+    assert original.overall.hours_05 < left < original.overall.hours_95
     # Some thirty jumps, partly hidden by a gap, determine rate and bend to a factor of two.
     most = {"jumps": 2.0, "drift": 1.3}.get(name, 1.1)
-    assert 1.0 / most < one.overall.hours_50 / left < most
+    assert 1.0 / most < original.overall.hours_50 / left < most
     reported = [
         event.kind
         for later in (10.0, 20.0)
@@ -205,8 +205,8 @@ def test_all_laws_have_the_same_bends_and_interpolation_errs_by_little(name):
 def test_laws_are_equally_probable_with_all_their_bends_and_one_sided_faults_do_not_drift():
     cells = grid(HealthLimits(), TrackerSettings())
     for component in ("friction", "gain"):
-        own = (cells.component == COMPONENTS.index(component)) & ~cells.wanders
-        share = {law: cells.prior[part][own[part]].sum() for law, part in cells.slices.items()}
+        selected = (cells.component == COMPONENTS.index(component)) & ~cells.wanders
+        share = {law: cells.prior[part][selected[part]].sum() for law, part in cells.slices.items()}
         for law in ("self_heating", "power", "jumps"):
             assert share[law] == pytest.approx(share["archard"])
         drifts = share["archard"] if component == "gain" else 0.0
@@ -214,8 +214,10 @@ def test_laws_are_equally_probable_with_all_their_bends_and_one_sided_faults_do_
 
 
 def test_given_law_is_the_only_one():
-    known = KnownLaw("self_heating", 1e-4, shape=6.0)
-    cells = grid(HealthLimits(), TrackerSettings(laws={"friction": known}))
-    own = (cells.component == COMPONENTS.index("friction")) & (cells.prior < 0.5)
-    assert set(np.flatnonzero(own)) <= set(range(cells.prior.size)[cells.slices["self_heating"]])
-    assert set(cells.shape[own]) == {6.0}
+    given_law = KnownLaw("self_heating", 1e-4, shape=6.0)
+    cells = grid(HealthLimits(), TrackerSettings(laws={"friction": given_law}))
+    selected = (cells.component == COMPONENTS.index("friction")) & (cells.prior < 0.5)
+    assert set(np.flatnonzero(selected)) <= set(
+        range(cells.prior.size)[cells.slices["self_heating"]]
+    )
+    assert set(cells.shape[selected]) == {6.0}

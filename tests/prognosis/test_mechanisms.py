@@ -82,8 +82,8 @@ def test_tracker_uses_the_given_detector_and_check():
         for test in range(14):
             friction = 0.02 + 0.02 * test + (0.3 if test == 10 else 0.0)
             kinds += [
-                one.kind
-                for one in tracker.update(observed(10.0 * test, {"friction": friction}, rng))
+                event.kind
+                for event in tracker.update(observed(10.0 * test, {"friction": friction}, rng))
             ]
         life = tracker.predict().components["friction"]
         events.append(kinds)

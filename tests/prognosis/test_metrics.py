@@ -95,8 +95,8 @@ def test_lambda_judges_the_latest_prediction_up_to_its_time():
 )
 def test_convergence_is_the_distance_to_the_centroid_of_the_area(error, centre):
     hours = np.linspace(0.0, 900.0, 90_001)
-    found = metrics.convergence(hours + 100.0, error(hours), 100.0)
-    assert found == pytest.approx(math.hypot(*centre), rel=1e-4)
+    convergence = metrics.convergence(hours + 100.0, error(hours), 100.0)
+    assert convergence == pytest.approx(math.hypot(*centre), rel=1e-4)
 
 
 def test_convergence_needs_an_error():

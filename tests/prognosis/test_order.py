@@ -57,7 +57,7 @@ def test_after_a_backward_step_of_the_clock_the_order_of_reception_counts():
         assert outlook.claim.good_until_ns == test.end_ns + 30 * S
         levels.append(level_at(outlook, now_ns + S))
     assert levels == [WARN, ERROR, ERROR]
-    assert [one.cycles for one in unit.history.entries] == [1, 2, 3, 4, 5, 6]
+    assert [entry.cycles for entry in unit.history.entries] == [1, 2, 3, 4, 5, 6]
     assert unit.growth.tests == 6
 
 
@@ -100,9 +100,9 @@ def test_different_test_with_a_known_stamp_makes_the_level_unknown(received: boo
     assert "the order of the tests is unknown" in reasons[1]
     assert "has_clock = false" in reasons[1]
     unit.history.close()
-    known = Unit(History(*UNIT, path), LIVE).resume(None, LIVE)
-    assert known is not None
-    assert known.health.level == STALE
+    resumed = Unit(History(*UNIT, path), LIVE).resume(None, LIVE)
+    assert resumed is not None
+    assert resumed.health.level == STALE
 
 
 def test_repeated_test_does_not_renew_a_level():
@@ -162,11 +162,11 @@ def test_tests_after_simulated_time_went_back_repeat_the_first_pass():
 
 def test_stamps_that_go_back_within_a_bag_are_detected():
     stamps = [(10, 20), (30, 40), (0, 5)]
-    tests = [StampedTest(*one, "a", one) for one in stamps]
+    tests = [StampedTest(*stamp, "a", stamp) for stamp in stamps]
     assert "went back" in text_of(unordered(tests)["a"])
     # A recording of a looped bag, and bags given in any order.
     assert unordered([*tests[:2], *tests[:2]]) == {}
-    assert unordered([StampedTest(*one, str(one), one) for one in stamps]) == {}
+    assert unordered([StampedTest(*stamp, str(stamp), stamp) for stamp in stamps]) == {}
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,8 @@ BACKLASH = COMPONENTS.index("backlash")
 
 def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, float]:
     """Return a mixture certain of law, rate and level of a backlash, and its rate on the grid."""
-    known = KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)
-    mixture = Mixture(LIMITS, TrackerSettings(laws={**NOMINAL_LAWS, "backlash": known}))
+    given_law = KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)
+    mixture = Mixture(LIMITS, TrackerSettings(laws={**NOMINAL_LAWS, "backlash": given_law}))
     cells, of_it = mixture.bank.cells, mixture.members[BACKLASH]
     of_it = of_it[: np.sum(cells.component == BACKLASH)]
     nearest = of_it[np.argmin(np.abs(np.log(np.maximum(cells.rate[of_it], 1e-12) / rate)))]
@@ -74,14 +74,14 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
 
 
 def test_growth_of_unknown_law_may_change_permanently():
-    rng, known = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
-    for settings, hours in ((known, 300.0), (TrackerSettings(), 0.0)):
+    rng, fixed_laws = np.random.default_rng(1), TrackerSettings(laws=NOMINAL_LAWS)
+    for settings, hours in ((fixed_laws, 300.0), (TrackerSettings(), 0.0)):
         assert np.all(draw(Mixture(LIMITS, settings), 100, np.full(7, hours), rng).changed == 1.0)
     sample = draw(Mixture(LIMITS, TrackerSettings()), 20_000, np.full(7, 300.0), rng)
     assert np.median(sample.change) == pytest.approx(300.0, rel=0.02)
     assert np.quantile(sample.changed[BACKLASH], [0.1, 0.9]) == pytest.approx([0.55, 10], rel=0.3)
-    one, limit = np.ones_like(sample.changed), LIMITS.of("backlash")
-    steady, sooner = (replace(sample, change=200.0 * one, changed=of * one) for of in (1.0, 4.0))
+    ones, limit = np.ones_like(sample.changed), LIMITS.of("backlash")
+    steady, sooner = (replace(sample, change=200.0 * ones, changed=of * ones) for of in (1.0, 4.0))
     slow, fast = (np.mean(lives(drawn, rng)[BACKLASH] < 3000.0) for drawn in (steady, sooner))
     over = futures(sooner, np.linspace(0.0, 3000.0, 20)[:, None, None], rng)[:, BACKLASH]
     assert slow + 0.03 < fast == pytest.approx(np.mean(over.max(axis=0) > limit), abs=0.015)
@@ -99,11 +99,11 @@ def tracker() -> Tracker:
 
 
 def test_lives_are_inversely_proportional_to_the_duty(tracker):
-    one, double = tracker.predict(), tracker.predict(FutureDuty(2.0))
-    np.testing.assert_allclose(double.samples, one.samples / 2.0)
-    assert double.overall.hours_50 == pytest.approx(one.overall.hours_50 / 2.0)
+    single, double = tracker.predict(), tracker.predict(FutureDuty(2.0))
+    np.testing.assert_allclose(double.samples, single.samples / 2.0)
+    assert double.overall.hours_50 == pytest.approx(single.overall.hours_50 / 2.0)
     assert double.future.factor == 2.0
-    assert str(one.future) == "future use as in the past"
+    assert str(single.future) == "future use as in the past"
     assert "2 times" in str(double.future)
     np.testing.assert_allclose(
         tracker.futures([100.0], duty=FutureDuty(2.0)), tracker.futures([200.0]), atol=1e-12
@@ -113,11 +113,11 @@ def test_lives_are_inversely_proportional_to_the_duty(tracker):
 def test_overall_life_is_the_earliest_of_the_components(tracker):
     prognosis = tracker.predict()
     assert prognosis.dominant_fault == "friction"
-    known = [life for life in prognosis.components.values() if life.known]
-    assert len(known) == 2
+    lives = [life for life in prognosis.components.values() if life.known]
+    assert len(lives) == 2
     for quantile in ("hours_05", "hours_50", "hours_95"):
         overall = getattr(prognosis.overall, quantile)
-        assert overall <= min(getattr(life, quantile) for life in known)
+        assert overall <= min(getattr(life, quantile) for life in lives)
     assert prognosis.overall.hours_05 < prognosis.overall.hours_50 < prognosis.overall.hours_95
     assert prognosis.overall.criterion == "friction exceeds 0.5"
     assert prognosis.components["gain"].reason == "no significant growth"
@@ -158,11 +158,11 @@ def test_fault_beyond_its_limit_has_no_life_left():
 def test_life_beyond_the_horizon_is_not_reported():
     settings = TrackerSettings(horizon_hours=300.0)
     growth = {"backlash": Growth("linear", 3e-4)}
-    one, other = Tracker(settings=settings), Tracker()
-    for tracker in (one, other):
+    short, default = Tracker(settings=settings), Tracker()
+    for tracker in (short, default):
         feed(tracker, growth, 500.0, np.random.default_rng(3))
-    assert other.predict().overall.hours_50 > 300.0
-    assert "horizon of 300 h" in one.predict().overall.reason
+    assert default.predict().overall.hours_50 > 300.0
+    assert "horizon of 300 h" in short.predict().overall.reason
 
 
 def test_fan_starts_at_the_current_value_and_widens(tracker):

@@ -106,11 +106,11 @@ def test_unobservable_fault_hides_only_the_performance_that_it_affects(requireme
     P = covariance()
     gain = FAULT_NAMES.index("gain")
     P[gain] = P[:, gain] = np.nan
-    found = health_of(requirements, healthy_faults(), P)
-    assert found["tracking_error"].level == STALE
-    assert np.isnan(found["tracking_error"].sigma)
-    assert found["free_play"].level == OK
-    assert np.isfinite(found["free_play"].sigma)
+    health = health_of(requirements, healthy_faults(), P)
+    assert health["tracking_error"].level == STALE
+    assert np.isnan(health["tracking_error"].sigma)
+    assert health["free_play"].level == OK
+    assert np.isfinite(health["free_play"].sigma)
 
 
 def test_direction_of_an_absent_eccentricity_hides_nothing(requirements):
@@ -121,9 +121,9 @@ def test_direction_of_an_absent_eccentricity_hides_nothing(requirements):
 
 def test_direction_of_a_large_eccentricity_affects_the_torque(requirements):
     faults = fault_vector({"eccentricity": 0.4, "short_circuit_a": 0.2})
-    found = health_of(requirements, faults, without_phase(1e-3))
-    assert found["torque_margin"].level == STALE
-    assert found["free_play"].level == OK
+    health = health_of(requirements, faults, without_phase(1e-3))
+    assert health["torque_margin"].level == STALE
+    assert health["free_play"].level == OK
 
 
 def test_unknown_faults_make_every_requirement_stale(requirements):
@@ -213,8 +213,8 @@ def test_amplitude_of_a_steady_sine_falls_by_3_db_at_the_bandwidth(model, faults
     ],
 )
 def test_performance_decreases_with_the_relevant_fault(model, fault, values, performance, sense):
-    found = getattr(model.performance(along(fault, values)), performance)
-    assert np.all(sense * np.diff(found) > 0.0)
+    performance_values = getattr(model.performance(along(fault, values)), performance)
+    assert np.all(sense * np.diff(performance_values) > 0.0)
 
 
 def test_many_actuators_perform_as_each_alone(model):
@@ -229,9 +229,9 @@ def test_many_actuators_perform_as_each_alone(model):
 
 def test_performance_with_unknown_faults_is_unknown_and_affects_no_other(model):
     faults = along("friction", [0.1, np.nan, 0.1])
-    found = model.performance(faults)
+    performance = model.performance(faults)
     for name in ("tracking_error", "bandwidth", "torque_margin"):
-        values = getattr(found, name)
+        values = getattr(performance, name)
         assert np.isnan(values[1])
         assert np.isfinite(values[[0, 2]]).all()
 
@@ -307,17 +307,17 @@ def by_brute_force(requirements, future, name):
 )
 def test_first_failure_equals_that_of_the_model_at_every_hour(requirements, fault, end, failing):
     future = growing(fault, end, seed=3)
-    found = failure_hours(requirements, future, HOURS)
+    actual = failure_hours(requirements, future, HOURS)
     for name in failing:
         expected = by_brute_force(requirements, future, name)
-        both = np.isfinite(expected) & np.isfinite(found[name])
+        both = np.isfinite(expected) & np.isfinite(actual[name])
         assert both.sum() > 40
-        missed = found[name][both] - expected[both]
+        missed = actual[name][both] - expected[both]
         # Twice the largest difference over twelve such sets of samples.
         assert np.sqrt(np.mean(missed**2)) < 0.04 * np.median(expected[both])
         estimated, right = (
             np.quantile(np.minimum(lives, HOURS[-1]), [0.05, 0.5, 0.95], method="inverted_cdf")
-            for lives in (found[name], expected)
+            for lives in (actual[name], expected)
         )
         np.testing.assert_allclose(estimated, right, rtol=0.035)
 
@@ -326,10 +326,10 @@ def test_first_failure_equals_that_of_the_model_at_every_hour(requirements, faul
 def test_low_gain_ends_life_by_tracking_and_bandwidth_if_these_are_strict():
     strict = Requirements(ACTUATOR, RequirementLimits(tracking_error=0.5e-3, bandwidth=25.0))
     future = growing("gain", 0.5, seed=8)
-    found = failure_hours(strict, future, HOURS)
+    failures = failure_hours(strict, future, HOURS)
     for name in ("tracking_error", "bandwidth"):
         expected = by_brute_force(strict, future, name)
-        np.testing.assert_allclose(found[name], expected, rtol=0.01)
+        np.testing.assert_allclose(failures[name], expected, rtol=0.01)
 
 
 def test_free_play_fails_at_the_closed_form_hour(requirements):
@@ -342,16 +342,16 @@ def test_free_play_fails_at_the_closed_form_hour(requirements):
 
 def test_constant_healthy_faults_violate_no_requirement(requirements):
     future = np.tile(healthy_faults(), (20, len(HOURS), 1))
-    found = failure_hours(requirements, future, HOURS)
-    assert all(np.isinf(found[name]).all() for name in REQUIREMENTS)
+    failures = failure_hours(requirements, future, HOURS)
+    assert all(np.isinf(failures[name]).all() for name in REQUIREMENTS)
 
 
 def test_requirement_that_fails_already_fails_at_once(requirements):
     future = np.tile(healthy_faults(), (20, len(HOURS), 1))
     future[:, :, 1] = 0.8
-    found = failure_hours(requirements, future, HOURS)
-    assert not found["free_play"].any()
-    assert not found["torque_margin"].any()
+    failures = failure_hours(requirements, future, HOURS)
+    assert not failures["free_play"].any()
+    assert not failures["torque_margin"].any()
 
 
 def test_sample_reaches_a_fault_limit_with_its_first_component():
@@ -361,8 +361,8 @@ def test_sample_reaches_a_fault_limit_with_its_first_component():
     ends = rng.uniform(20.0, 80.0, (2, 200))
     paths[..., FAULT_NAMES.index("gain")] -= 0.25 * hours / ends[0, :, None]
     paths[..., FAULT_NAMES.index("friction")] += 0.5 * hours / ends[1, :, None]
-    found = limit_passage(paths, hours, HealthLimits())
-    np.testing.assert_allclose(found, ends.min(axis=0), rtol=1e-9)
+    passages = limit_passage(paths, hours, HealthLimits())
+    np.testing.assert_allclose(passages, ends.min(axis=0), rtol=1e-9)
     still = np.tile(healthy_faults(), (3, 33, 1))
     assert np.all(np.isinf(limit_passage(still, hours, HealthLimits())))
     gone = still + 0.0
@@ -376,10 +376,10 @@ def test_sample_reaches_a_fault_limit_with_its_first_component():
 @pytest.fixture
 def failures():
     """Return failures: free play fails first in 60 of 100 samples, torque margin in the others."""
-    found = {name: np.full(100, np.inf) for name in REQUIREMENTS}
-    found["free_play"] = np.linspace(100.0, 199.0, 100)
-    found["torque_margin"] = np.where(np.arange(100) < 60, 500.0, 50.0)
-    return found
+    failures = {name: np.full(100, np.inf) for name in REQUIREMENTS}
+    failures["free_play"] = np.linspace(100.0, 199.0, 100)
+    failures["torque_margin"] = np.where(np.arange(100) < 60, 500.0, 50.0)
+    return failures
 
 
 def test_first_failure_is_the_earliest_in_each_sample(failures):

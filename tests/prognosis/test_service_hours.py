@@ -59,7 +59,7 @@ def test_tests_with_one_count_are_interpolated_by_stamps_when_the_next_count_arr
     assert [test.stamp_ns for test in service.used] == stamps[:11]
     # The later tests wait; the published hours are those of the latest count.
     assert (service.hours, service.unknown) == (100.0, "")
-    assert all(one.hours < other.hours for one, other in pairwise(service.used))
+    assert all(earlier.hours < later.hours for earlier, later in pairwise(service.used))
 
 
 def test_count_that_is_not_renewed_counts_as_stopped_after_ten_tests():
@@ -248,8 +248,8 @@ def count(stamp_s: float) -> Count:
 
 
 def latest(log: CountLog, unit: tuple[str, str], stamp_s: float = 1e6) -> float:
-    found = log.latest(unit, round(stamp_s * SECOND_NS))
-    return math.nan if found is None else found.hours
+    count = log.latest(unit, round(stamp_s * SECOND_NS))
+    return math.nan if count is None else count.hours
 
 
 def test_latest_count_of_a_unit_by_a_time_is_returned_regardless_of_the_order():

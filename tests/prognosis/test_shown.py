@@ -82,7 +82,11 @@ def test_first_test_that_hides_a_fault_is_not_ok():
     outlook = outlook_after([("backlash",)], LIVE, PARAMETERS)
     assert outlook.health.level == STALE
     assert "backlash (shown by motion that reverses)" in outlook.health.reason
-    assert all(one.level != OK for one in outlook.health.requirements if one.name == "free_play")
+    assert all(
+        requirement.level != OK
+        for requirement in outlook.health.requirements
+        if requirement.name == "free_play"
+    )
 
 
 def test_ok_ends_with_the_oldest_needed_test_and_not_with_the_newest():

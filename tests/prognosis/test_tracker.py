@@ -89,19 +89,19 @@ def test_near_healthy_measurement_updates_by_bayes_rule(mean, two_sided):
 
 
 def test_unobservable_component_stays_unknown_and_does_not_affect_the_others():
-    one, other = Tracker(), Tracker()
+    complete, partial = Tracker(), Tracker()
     rng = np.random.default_rng(5)
     for i in range(30):
         seen = observed(10.0 * i, {"friction": 0.1 + 0.002 * i}, rng)
-        one.update(seen)
+        complete.update(seen)
         hidden = observed(10.0 * i, seen.faults, unobservable=["gain"])
-        other.update(hidden)
-    assert np.isnan(of(other, "gain").value)
-    assert np.isnan(of(other, "gain").trend)
-    assert of(other, "gain").tests == 0
-    assert other.predict().components["gain"].reason == "fewer than two tests agree so far"
+        partial.update(hidden)
+    assert np.isnan(of(partial, "gain").value)
+    assert np.isnan(of(partial, "gain").trend)
+    assert of(partial, "gain").tests == 0
+    assert partial.predict().components["gain"].reason == "fewer than two tests agree so far"
     # Their scores are equally unknown; NaN does not equal itself.
-    assert repr(of(other, "friction")) == repr(of(one, "friction"))
+    assert repr(of(partial, "friction")) == repr(of(complete, "friction"))
 
 
 def test_component_unobservable_for_a_while_becomes_less_certain():
@@ -144,13 +144,13 @@ def test_gain_is_tracked_on_both_sides_of_healthy():
 def test_restored_and_frozen_trackers_equal_their_originals():
     whole, rng = Tracker(), np.random.default_rng(9)
     faults = [{"friction": 0.1, "eccentricity": 4e-3 * i} for i in range(60)]
-    tests = [observed(10.0 * i, one, rng) for i, one in enumerate(faults)]
+    tests = [observed(10.0 * i, item, rng) for i, item in enumerate(faults)]
     # A jump: the state is stored while a test is held back, and the next test confirms it.
-    tests[39:] = [replace(one, faults=one.faults + 0.2 * IS_FRICTION) for one in tests[39:]]
+    tests[39:] = [replace(item, faults=item.faults + 0.2 * IS_FRICTION) for item in tests[39:]]
     for test in tests[:40]:
         whole.update(test)
     again, frozen = Tracker(), whole.frozen()
-    again.restore({name: np.array(one) for name, one in whole.state().items()})
+    again.restore({name: np.array(item) for name, item in whole.state().items()})
     before = whole.predict().samples
     reported = [tracker.update(test) for test in tests[40:] for tracker in (whole, again)]
     assert reported[::2] == reported[1::2]
@@ -244,8 +244,8 @@ def test_repair_of_several_faults_is_confirmed_after_two_tests_despite_uncertain
 
 def test_step_raises_the_level_and_keeps_the_rate_with_less_certainty(grown):
     tracker, faults, rng = grown
-    before, own = of(tracker, "friction"), tracker._mixture.members[0]
-    sure = tracker._mixture.weight[own].max()
+    before, growth = of(tracker, "friction"), tracker._mixture.members[0]
+    sure = tracker._mixture.weight[growth].max()
     stepped = faults.copy()
     stepped[0] += 0.1
     tracker.update(observed(610.0, stepped, rng))
@@ -255,7 +255,7 @@ def test_step_raises_the_level_and_keeps_the_rate_with_less_certainty(grown):
     assert after.value == pytest.approx(stepped[0], abs=4 * SIGMA)
     # The exponential law itself grows (x + x_0) times faster at the higher level.
     assert before.trend < after.trend < 3.0 * before.trend
-    assert tracker._mixture.weight[own].max() < sure
+    assert tracker._mixture.weight[growth].max() < sure
     life = tracker.predict().components["friction"]
     assert life.known
 
@@ -284,8 +284,8 @@ def test_two_wrong_tests_in_a_row_are_not_mistaken_for_a_change():
     faults = {"friction": 0.1, "backlash": 0.1, "eccentricity": 0.1}
     feed(tracker, {}, 300.0, rng, faults)
     first = {"friction": 0.2, "backlash": 0.2, "eccentricity": 0.3}
-    other = {"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1}
-    events = tracker.update(observed(310.0, first)) + tracker.update(observed(320.0, other))
+    wrong = {"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1}
+    events = tracker.update(observed(310.0, first)) + tracker.update(observed(320.0, wrong))
     assert {event.kind for event in events} == {"outlier"}
     assert tracker.update(observed(330.0, faults)) == []
     assert of(tracker, "friction").value == pytest.approx(0.1, abs=SIGMA)

@@ -221,7 +221,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     """Backlash well within its own limit reduces the torque margin."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
     estimates = [made_test(number, backlash=0.09) for number in range(3)]
-    *_, last = [prognostics.update(one, PARAMETERS, TEN_HOURS) for one in estimates]
+    *_, last = [prognostics.update(estimate, PARAMETERS, TEN_HOURS) for estimate in estimates]
     assert last is not None
     assert not last.rul.known
     assert (last.health.level, last.dominant) == (WARN, "torque_margin")
@@ -339,8 +339,8 @@ def test_single_count_too_high_raises_no_alarm(is_worn: bool):
 
 def after(*tests: Estimate) -> list[Outlook]:
     """Return the outlook after each test of a new unit."""
-    found = Unit(History(*UNIT), TEN_HOURS).follow(tests, None, TEN_HOURS)
-    return [outlook for _, outlook in found if outlook is not None]
+    outlooks = Unit(History(*UNIT), TEN_HOURS).follow(tests, None, TEN_HOURS)
+    return [outlook for _, outlook in outlooks if outlook is not None]
 
 
 def departed(number: int, *, valid: bool = True) -> Estimate:
@@ -354,11 +354,11 @@ def departed(number: int, *, valid: bool = True) -> Estimate:
 def test_departure_without_an_explanation_by_faults_is_a_warning_and_one_event(valid: bool):
     tests = [made_test(0), departed(1, valid=valid), departed(2, valid=valid), made_test(3)]
     outlooks = after(*tests)
-    assert [one.health.level for one in outlooks] == [OK, WARN, WARN, OK]
+    assert [outlook.health.level for outlook in outlooks] == [OK, WARN, WARN, OK]
     assert cause_of_level(outlooks[1]).startswith(departed(1).reason)
     kinds = [
-        [event.kind for event in one.events if event.kind is EventKind.DEPARTURE]
-        for one in outlooks
+        [event.kind for event in outlook.events if event.kind is EventKind.DEPARTURE]
+        for outlook in outlooks
     ]
     assert kinds == [[], [EventKind.DEPARTURE], [], []]
 
@@ -375,9 +375,9 @@ def test_departure_of_a_first_test_is_a_warning_and_lowers_no_error():
 def test_late_departure_is_an_event_without_a_level():
     _, late = after(made_test(1), departed(0))
     assert late.health.level == OK
-    assert [text_of(one.occurrence) for one in late.events if one.kind is EventKind.DEPARTURE] == [
-        departed(0).reason
-    ]
+    assert [
+        text_of(event.occurrence) for event in late.events if event.kind is EventKind.DEPARTURE
+    ] == [departed(0).reason]
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):

@@ -48,7 +48,10 @@ def test_law_of_a_user_predicts_like_the_same_law_of_the_package():
     assert isinstance(OWN.law, GrowthLaw)
     trackers = [track(TESTS, HOURS, settings=settings_of(law)) for law in (OWN, SHIPPED)]
     (value, sigma, trend), expected = (
-        next((one.value, one.sigma, one.trend) for one in tracker.components())
+        next(
+            (component.value, component.sigma, component.trend)
+            for component in tracker.components()
+        )
         for tracker in trackers
     )
     np.testing.assert_allclose((value, sigma, trend), expected, rtol=1e-6)

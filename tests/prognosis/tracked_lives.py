@@ -70,7 +70,7 @@ def growing(tracker: Tracker, name: str) -> float:
 def laws_of(tracker: Tracker, name: str) -> dict[str, float]:
     """Return the probability of each law of a component; a law under a wave counts as linear."""
     mixture, number = tracker._mixture, COMPONENTS.index(name)
-    cells, own = mixture.bank.cells, mixture.component == number
-    laws = {law: mixture.weight[part][own[part]].sum() for law, part in cells.slices.items()}
+    cells, selected = mixture.bank.cells, mixture.component == number
+    laws = {law: mixture.weight[part][selected[part]].sum() for law, part in cells.slices.items()}
     laws["constant"] = 1.0 - growing(tracker, name)
     return laws | {"linear": 1.0 - sum(laws.values()) + laws["linear"]}

@@ -20,9 +20,9 @@ LOCKED = replace(P, f_sm=1e4)
 
 
 def actuator(parameters=P, sample_period=1e-4, faults=None) -> SimulatedActuator:
-    one = SimulatedActuator(parameters, sample_period=sample_period, drive="field_oriented")
-    one.faults = fault_vector(faults or {})
-    return one
+    simulated = SimulatedActuator(parameters, sample_period=sample_period, drive="field_oriented")
+    simulated.faults = fault_vector(faults or {})
+    return simulated
 
 
 def axes(x: FieldOrientedState, theta_m: float, poles: int = P.P) -> tuple[float, float]:
@@ -34,15 +34,15 @@ def axes(x: FieldOrientedState, theta_m: float, poles: int = P.P) -> tuple[float
 def torques_per_ampere(faults, steps=3000):
     """Return motor angle, current of the q axis and torque over steps of 1 us of a fast motion."""
     # Voltage and torque are large enough that neither is limited.
-    one, found = actuator(replace(P, V_max=300.0, T_max=10.0), 1e-6, faults), []
-    one.advance(np.full(4000, 0.02))
+    simulated, rows = actuator(replace(P, V_max=300.0, T_max=10.0), 1e-6, faults), []
+    simulated.advance(np.full(4000, 0.02))
     for _ in range(steps // 10):
-        theta_m = one.state.theta_m
-        one.advance([0.02])
-        x = one.state
-        found.append((theta_m, *axes(x, theta_m), x.torque))
-        one.advance(np.full(40, 0.02))
-    return np.array(found).T
+        theta_m = simulated.state.theta_m
+        simulated.advance([0.02])
+        x = simulated.state
+        rows.append((theta_m, *axes(x, theta_m), x.torque))
+        simulated.advance(np.full(40, 0.02))
+    return np.array(rows).T
 
 
 def test_torque_is_three_halves_of_pole_pairs_flux_and_current():
@@ -74,13 +74,13 @@ def test_short_circuit_takes_its_share_of_the_mean_and_makes_a_wave_of_2_p_perio
 
 
 def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
-    one = actuator(LOCKED, 1e-6)
+    simulated = actuator(LOCKED, 1e-6)
     wanted = 5.0
     command = wanted * P.k_t / P.GAP / P.G_prop
     response = []
     for _ in range(600):
-        one.advance([command])
-        response.append(axes(one.state, 0.0)[1])
+        simulated.advance([command])
+        response.append(axes(simulated.state, 0.0)[1])
     # The command is 0 at the start of the first step. An implicit step lags by half a step, 0.3 %.
     t = 1e-6 * np.arange(600)
     np.testing.assert_allclose(
@@ -91,17 +91,17 @@ def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
 def test_steady_speed_is_where_the_speed_loop_balances_friction():
     """GAP (omega_max - omega) = f_d + C omega, if the voltage suffices."""
     fast = replace(P, V_max=200.0, theta_stop=100.0)
-    one = actuator(fast)
-    one.advance(np.full(6000, 50.0))
+    simulated = actuator(fast)
+    simulated.advance(np.full(6000, 50.0))
     f_d, C = fast.f_ratio * (fast.f_sm + fast.f_su), fast.C_m + fast.C_u
     expected = (fast.GAP * fast.omega_max - f_d) / (fast.GAP + C)
-    assert one.state.omega == pytest.approx(expected, rel=1e-6)
+    assert simulated.state.omega == pytest.approx(expected, rel=1e-6)
 
 
 def test_supply_power_equals_shaft_power_and_copper_loss():
-    one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
-    one.advance(np.full(6000, 50.0))
-    x = one.state
+    simulated = actuator(replace(P, V_max=200.0, theta_stop=100.0))
+    simulated.advance(np.full(6000, 50.0))
+    x = simulated.state
     i_d, i_q = axes(x, x.theta_m)
     assert isinstance(x, FieldOrientedState)
     omega_e, R = P.P * x.omega, 0.5 * P.R_s
@@ -115,7 +115,7 @@ def test_supply_power_equals_shaft_power_and_copper_loss():
 
 @pytest.mark.parametrize("name", ["dead_time", "dead_switch"])
 def test_causes_of_a_switching_inverter_are_refused_by_name(name):
-    one = actuator()
+    simulated = actuator()
     with pytest.raises(ValueError, match=f"{name}: the inverter of a field_oriented drive"):
-        one.causes = {name: 1e-6 if name == "dead_time" else 1.0}
-    assert one.causes == {}
+        simulated.causes = {name: 1e-6 if name == "dead_time" else 1.0}
+    assert simulated.causes == {}

@@ -74,10 +74,10 @@ def test_increments_have_a_lognormal_factor_of_mean_one():
 
 def test_same_seed_gives_the_same_life_in_any_order_of_the_growths():
     growths = {"gain": Growth("drift", 0.0, noise=1e-2), "friction": Growth("linear", 1e-3, 0, 0.3)}
-    one = grow(healthy_faults(), growths, 0.0, 10.0, rng(1))
-    other = grow(healthy_faults(), dict(reversed(growths.items())), 0.0, 10.0, rng(1))
-    np.testing.assert_array_equal(one, other)
-    assert np.any(one != grow(healthy_faults(), growths, 0.0, 10.0, rng(2)))
+    forward = grow(healthy_faults(), growths, 0.0, 10.0, rng(1))
+    backward = grow(healthy_faults(), dict(reversed(growths.items())), 0.0, 10.0, rng(1))
+    np.testing.assert_array_equal(forward, backward)
+    assert np.any(forward != grow(healthy_faults(), growths, 0.0, 10.0, rng(2)))
 
 
 @pytest.mark.parametrize(
@@ -195,16 +195,16 @@ def test_repair_restores_the_dominant_fault_and_restarts_life():
             assert value[at] == 0.0
             assert value[at - 1] > 0.0
             assert 60 <= len(life.hours) - at <= 200
-            others = np.delete(away(life.faults), column, axis=1)
-            assert np.all(others[at] >= 0.5 * others[at - 1])
+            other_faults = np.delete(away(life.faults), column, axis=1)
+            assert np.all(other_faults[at] >= 0.5 * other_faults[at - 1])
 
 
 def test_same_seed_gives_the_same_life():
     first, second = (run_to_failure(LIMITS, np.random.default_rng(9)) for _ in range(2))
     assert np.array_equal(first.faults, second.faults)
     assert (first.windows, first.end_hours) == (second.windows, second.end_hours)
-    other = run_to_failure(LIMITS, np.random.default_rng(10))
-    assert other.end_hours != first.end_hours
+    different_seed = run_to_failure(LIMITS, np.random.default_rng(10))
+    assert different_seed.end_hours != first.end_hours
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,6 @@ def test_telemetry_equals_twin(case):
             total += twin.lag[2]
             interrupted += max(twin.dead) > 0.0
         expected.append((total / STEPS_A_SAMPLE, twin.theta_user, twin.omega))
-    found = np.column_stack([telemetry.current, telemetry.position, telemetry.speed])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    columns = np.column_stack([telemetry.current, telemetry.position, telemetry.speed])
+    np.testing.assert_allclose(columns, expected, rtol=0, atol=TOLERANCE)
     assert "dead_time" not in CAUSES[case] or interrupted >= 20

@@ -69,11 +69,12 @@ def optimum(variant: Variant, case: str) -> Optimum:
     objective = Objective(reference_window(truth), _calibration(variant), FITNESS)
     start = objective.encode(truth)
     beside = start + np.where(start > 0.5, -_BESIDE, _BESIDE)
-    found = min(
-        (_descent(objective, one) for one in (start, beside)), key=lambda descent: descent.cost
+    lowest = min(
+        (_descent(objective, start_point) for start_point in (start, beside)),
+        key=lambda descent: descent.cost,
     )
-    faults, _ = objective.decode(found.point[None])
-    return Optimum(faults[0], float(estimation_error(faults[0], truth)), found.cost)
+    faults, _ = objective.decode(lowest.point[None])
+    return Optimum(faults[0], float(estimation_error(faults[0], truth)), lowest.cost)
 
 
 def _descent(objective: Objective, start: NDArray[np.float64]) -> Progress:

@@ -23,7 +23,9 @@ def runs():
 def side(runs, fault, source):
     """Return the comparison for a fault and a source, by quantity."""
     rows = agreement(runs).T.to_dict()
-    return {what: value for (one, what), value in rows[fault].items() if one == source}
+    return {
+        what: value for (row_source, what), value in rows[fault].items() if row_source == source
+    }
 
 
 def changed(runs, table, **columns):

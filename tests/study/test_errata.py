@@ -98,7 +98,7 @@ def test_eq_4_24_gives_the_true_eccentricity_a_higher_cost_than_none(page):
 
 def test_true_faults_cost_more_than_the_printed_threshold(page):
     problems = {name: problem("thesis", name) for name in CASES}
-    described = [name for name, one in problems.items() if one.is_described]
+    described = [name for name, entry in problems.items() if entry.is_described]
     costs = [problems[name].cost_at_truth for name in described]
 
     assert set(CASES) - set(described) == {"eccentricity low", "eccentricity high"}

@@ -107,7 +107,7 @@ def test_comparison_plots_show_two_monitors_and_their_deviations():
 
 
 def legend(figure):
-    return [text.get_text() for one in figure.legends for text in one.get_texts()]
+    return [text.get_text() for legend_box in figure.legends for text in legend_box.get_texts()]
 
 
 def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):

@@ -16,11 +16,11 @@ pytestmark = pytest.mark.long
 @pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)
 def test_optimum_has_the_cost_in_the_study_and_less_than_the_truth(variant, case):
     objective, _, at_truth, _ = problem(variant.model, case)
-    found = optimum(variant, case)
-    [residuals] = objective.residuals(objective.encode(found.faults)[None])
+    optimum_found = optimum(variant, case)
+    [residuals] = objective.residuals(objective.encode(optimum_found.faults)[None])
 
-    assert residuals @ residuals == pytest.approx(found.cost, rel=1e-9)
-    assert found.cost < at_truth
+    assert residuals @ residuals == pytest.approx(optimum_found.cost, rel=1e-9)
+    assert optimum_found.cost < at_truth
 
 
 def test_torque_constant_causes_the_bias_of_backlash():

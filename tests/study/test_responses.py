@@ -46,9 +46,9 @@ def test_steady_speed_after_a_step_balances_voltage_and_friction():
 
 def test_backlash_shifts_the_position_by_half_its_growth_and_changes_nothing_else():
     p = ActuatorParameters()
-    healthy, *others = _step("backlash")
+    healthy, *faulty = _step("backlash")
     _, *severities = SEVERITIES["backlash"].values()
-    for severity, response in zip(severities, others, strict=True):
+    for severity, response in zip(severities, faulty, strict=True):
         shift = 99.0 * severity["backlash"] * p.BLK / 2.0 * p.tau
         moved = steady(healthy.position) - steady(response.position)
         np.testing.assert_allclose(moved, shift, rtol=1e-9)
@@ -57,8 +57,8 @@ def test_backlash_shifts_the_position_by_half_its_growth_and_changes_nothing_els
 
 
 def test_gain_has_no_effect_while_the_controller_is_saturated():
-    first, *others = _step("gain")
-    for response in others:
+    first, *faulty = _step("gain")
+    for response in faulty:
         np.testing.assert_array_equal(response.position, first.position)
         np.testing.assert_array_equal(response.current, first.current)
 

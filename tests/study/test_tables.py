@@ -43,15 +43,15 @@ def test_printed_runs_are_next_to_those_of_the_study(tables):
 
 
 def test_code_of_the_thesis_is_listed_under_its_algorithm(tables, runs):
-    own = with_own_code(FAST_MODEL)
+    own_code = with_own_code(FAST_MODEL)
     of_table = runs[(runs["table"] == 13) & (runs["model"] == "fast")]
     errors = of_table[of_table["algorithm"] == "de_thesis"].set_index("run")["error_percent"]
     errors = errors[~errors.index.duplicated(keep="first")]
 
-    assert own not in sources_of(tables[11])
-    assert own in sources_of(tables[13])
-    assert tables[13].frame.loc["2", (own, "error [%]")] == pytest.approx(errors[2])
-    assert tables[57].frame[own, "error [%]"].dropna().index.unique("algorithm").tolist() == [
+    assert own_code not in sources_of(tables[11])
+    assert own_code in sources_of(tables[13])
+    assert tables[13].frame.loc["2", (own_code, "error [%]")] == pytest.approx(errors[2])
+    assert tables[57].frame[own_code, "error [%]"].dropna().index.unique("algorithm").tolist() == [
         "de",
         "gwo",
     ]

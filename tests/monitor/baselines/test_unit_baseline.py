@@ -63,9 +63,9 @@ def test_baseline_is_learned_accepted_and_matches_the_calibration_pattern(tmp_pa
         assert (change.before, change.records) == ("", 6)
         assert baseline.candidates == []
         assert baseline.accepted_by == change
-    found = CalibrationStore(calibration_pattern(tmp_path), tmp_path).of(JOINT)
-    assert not isinstance(found, str)
-    assert found.calibration_id == change.after
+    calibration = CalibrationStore(calibration_pattern(tmp_path), tmp_path).of(JOINT)
+    assert not isinstance(calibration, str)
+    assert calibration.calibration_id == change.after
     with UnitBaseline(tmp_path, JOINT) as again:
         assert again.is_accepted
         assert again.accepted_by == change

@@ -90,15 +90,15 @@ def baseline_of(
 ) -> Baseline:
     """Return a baseline of drawn records; ``records`` has additional attributes of each record."""
     rng = np.random.default_rng(seed)
-    found = []
+    drawn_records = []
     for day in range(days):
         of_day = drawn_effects(rng, scatter)
         for number in range(a_day):
             more = records[day * a_day + number] if records else {}
-            found.append(
+            drawn_records.append(
                 drawn(rng, day, of_day, healthy=healthy, scatter=scatter, second=number, **more)
             )
-    return Baseline(Preparation(2.0, 0.0, USUAL_SPEED), shape, tuple(found))
+    return Baseline(Preparation(2.0, 0.0, USUAL_SPEED), shape, tuple(drawn_records))
 
 
 def changed(
@@ -115,10 +115,10 @@ def changed(
 
     ``viscous`` is a share of all friction at the usual speed.
     """
-    found = np.array(values)
-    found[DRY] *= friction
-    found[INERTIA] *= inertia
-    found[VISCOUS] += viscous * (1.0 / USUAL_SPEED + HEALTHY[VISCOUS])
-    found[LOAD] += load
-    found[GRAVITY] *= gravity
-    return found / torque
+    coefficients = np.array(values)
+    coefficients[DRY] *= friction
+    coefficients[INERTIA] *= inertia
+    coefficients[VISCOUS] += viscous * (1.0 / USUAL_SPEED + HEALTHY[VISCOUS])
+    coefficients[LOAD] += load
+    coefficients[GRAVITY] *= gravity
+    return coefficients / torque

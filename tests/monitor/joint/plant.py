@@ -238,9 +238,9 @@ def healthy_telemetry(
         of_day = scatter * rng.standard_normal()
         for number in range(a_day):
             factor = 1.0 + of_day + 0.5 * scatter * rng.standard_normal()
-            own = joint.times(coulomb=factor, viscous=factor)
+            scaled = joint.times(coulomb=factor, viscous=factor)
             records.append(
-                telemetry_of(own, motion, sensors, seed=seed + 1, day=day, second=100 * number)
+                telemetry_of(scaled, motion, sensors, seed=seed + 1, day=day, second=100 * number)
             )
     return records
 

@@ -59,8 +59,8 @@ def test_additional_days_lower_the_smallest_change_as_predicted(days, scatter):
     for seed in range(12):
         baseline = baseline_of(seed, days=days, scatter=scatter)
         more = baseline_of(seed, days=days + 2, scatter=scatter)
-        known = Comparer(baseline).correlations
-        extended = Comparer(baseline.extended(6, 2), assumed_correlations=known)
+        correlations = Comparer(baseline).correlations
+        extended = Comparer(baseline.extended(6, 2), assumed_correlations=correlations)
         predicted.append(extended.smallest_changes[FRICTION])
         reached.append(Comparer(more).smallest_changes[FRICTION])
     # The information of two days varies by half, and a mean of 12 by 15 %.
@@ -114,7 +114,7 @@ def test_different_speed_to_travel_ratio_makes_friction_uncertain_by_the_share_o
     for number in (DRY, VISCOUS):
         expected = 0.05 * math.log(1.5) * inertial * base.scales[number]
         assert errors[number] == pytest.approx(expected, rel=0.02)
-    heavy = replace(base, records=tuple(_heavy(one) for one in base.records))
+    heavy = replace(base, records=tuple(_heavy(record) for record in base.records))
     assert heavy.motion_errors(fast)[DRY] > 9.0 * errors[DRY]
 
 

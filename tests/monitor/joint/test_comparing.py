@@ -53,11 +53,11 @@ def comparer() -> Comparer:
 
 def rivals(comparison: Comparison) -> set[str]:
     """Return the quantities that explain the record as well as the named ones."""
-    return {name for one in comparison.changed for name in one.rivals}
+    return {name for quantity in comparison.changed for name in quantity.rivals}
 
 
 def names(comparison: Comparison) -> set[str]:
-    return {one.name for one in comparison.changed} - {FRICTION_OVER_INERTIA}
+    return {quantity.name for quantity in comparison.changed} - {FRICTION_OVER_INERTIA}
 
 
 CASES = {
@@ -74,15 +74,15 @@ CASES = {
 
 @pytest.mark.parametrize(("change", "name", "size"), CASES.values(), ids=CASES)
 def test_single_change_is_named_with_its_size(comparer, change, name, size):
-    found = comparer.compare(record_of(changed(comparer.baseline.healthy, **change)))
-    assert names(found) == {name}
-    assert not rivals(found)
+    comparison = comparer.compare(record_of(changed(comparer.baseline.healthy, **change)))
+    assert names(comparison) == {name}
+    assert not rivals(comparison)
     # The record itself has no error. The differences are rounding, and the mean of the prediction,
     # whose weights of days differ slightly from those of the healthy coefficients.
-    assert found[name].change == pytest.approx(size, abs=0.015)
-    assert found[name].low < size < found[name].high
-    assert found.probability < 1e-3
-    assert found.has_departed
+    assert comparison[name].change == pytest.approx(size, abs=0.015)
+    assert comparison[name].low < size < comparison[name].high
+    assert comparison.probability < 1e-3
+    assert comparison.has_departed
 
 
 @pytest.mark.slow
@@ -92,22 +92,22 @@ def test_change_in_records_with_scatter_and_error_is_named_or_a_rival(comparer, 
     named = 0
     for number in range(20):
         like = drawn(rng, SEPARATE + number, drawn_effects(rng, 0.01))
-        found = comparer.compare(replace(like, values=changed(like.values, **change)))
-        assert found[name].judgement is not Judgement.UNCHANGED, number
-        named += name in names(found)
+        comparison = comparer.compare(replace(like, values=changed(like.values, **change)))
+        assert comparison[name].judgement is not Judgement.UNCHANGED, number
+        named += name in names(comparison)
         # Other named quantities may only be rivals, or accompany the change.
-        assert name in names(found) | rivals(found) or not names(found), number
+        assert name in names(comparison) | rivals(comparison) or not names(comparison), number
     # All but a few are far above the smallest change (15 % compared with 6 % to 8 %).
     assert named >= 18
 
 
 def test_payload_changes_gravity_and_inertia_together(comparer):
     record = record_of(changed(comparer.baseline.healthy, gravity=1.6, inertia=1.25))
-    found = comparer.compare(record)
-    assert names(found) == {GRAVITY, INERTIA}
-    assert found[INERTIA].change == pytest.approx(0.25, abs=0.015)
-    assert found[GRAVITY].change == pytest.approx(0.6, abs=0.02)
-    assert found[FRICTION].judgement is Judgement.UNCHANGED
+    comparison = comparer.compare(record)
+    assert names(comparison) == {GRAVITY, INERTIA}
+    assert comparison[INERTIA].change == pytest.approx(0.25, abs=0.015)
+    assert comparison[GRAVITY].change == pytest.approx(0.6, abs=0.02)
+    assert comparison[FRICTION].judgement is Judgement.UNCHANGED
 
 
 def test_payload_that_changes_the_gravity_at_the_centre_is_not_mistaken_for_friction():
@@ -129,18 +129,23 @@ def test_friction_and_torque_are_not_separated_when_nearly_all_effort_is_frictio
     base = baseline_of(healthy=healthy, shape=shape)
     # The inertia is known only to 30 %, which is too uncertain to detect a change of 15 %.
     records = tuple(
-        replace(one, covariance=_vague(one.covariance), values=one.values) for one in base.records
+        replace(
+            healthy_record,
+            covariance=_vague(healthy_record.covariance),
+            values=healthy_record.values,
+        )
+        for healthy_record in base.records
     )
     comparer = Comparer(replace(base, records=records))
-    for change, other in (({"friction": 1.2}, TORQUE), ({"torque": 1.0 / 1.2}, FRICTION)):
+    for change, rival in (({"friction": 1.2}, TORQUE), ({"torque": 1.0 / 1.2}, FRICTION)):
         values = changed(comparer.baseline.healthy, **change)
         record = record_of(values)
-        found = comparer.compare(replace(record, covariance=_vague(record.covariance)))
-        assert found.changed
-        assert names(found) | rivals(found) >= {FRICTION, TORQUE}
+        comparison = comparer.compare(replace(record, covariance=_vague(record.covariance)))
+        assert comparison.changed
+        assert names(comparison) | rivals(comparison) >= {FRICTION, TORQUE}
         for name in (FRICTION, TORQUE):
-            assert found[name].judgement is not Judgement.UNCHANGED
-        assert found[other].rivals or found[other].judgement is Judgement.CHANGED
+            assert comparison[name].judgement is not Judgement.UNCHANGED
+        assert comparison[rival].rivals or comparison[rival].judgement is Judgement.CHANGED
 
 
 def _vague(covariance):
@@ -163,16 +168,16 @@ def test_varying_payload_is_no_evidence_of_torque_per_ampere(payload):
         rng = np.random.default_rng(seed)
         base = baseline_of(seed, scatter=0.003)
         records = tuple(
-            replace(one, values=_with_payload(one.values, rng.uniform(-0.1, 0.1)))
-            for one in base.records
+            replace(item, values=_with_payload(item.values, rng.uniform(-0.1, 0.1)))
+            for item in base.records
         )
         comparer = Comparer(replace(base, records=records))
         values = changed(comparer.baseline.healthy, friction=1.12)
-        found = comparer.compare(record_of(_with_payload(values, payload)))
-        assert FRICTION in names(found) | rivals(found), seed
-        for one in found.changed:
+        comparison = comparer.compare(record_of(_with_payload(values, payload)))
+        assert FRICTION in names(comparison) | rivals(comparison), seed
+        for item in comparison.changed:
             # A change of torque per ampere is never certain.
-            assert one.name in (FRICTION, FRICTION_OVER_INERTIA) or FRICTION in one.rivals, seed
+            assert item.name in (FRICTION, FRICTION_OVER_INERTIA) or FRICTION in item.rivals, seed
 
 
 @pytest.mark.parametrize("count", [6, 10])
@@ -232,12 +237,12 @@ def test_torque_cannot_be_judged_if_only_friction_is_visible():
     shape = Shape(coulomb=1.0, has_inertia=False, has_viscous=False)
     healthy = np.array([1.0, 0.0, 0.0, 0.1, 1.0])
     comparer = Comparer(baseline_of(healthy=healthy, shape=shape))
-    found = comparer.compare(record_of(changed(comparer.baseline.healthy, friction=1.3)))
-    assert names(found) == {FRICTION}
-    assert rivals(found) == {TORQUE, VISCOUS}
+    comparison = comparer.compare(record_of(changed(comparer.baseline.healthy, friction=1.3)))
+    assert names(comparison) == {FRICTION}
+    assert rivals(comparison) == {TORQUE, VISCOUS}
     for name in (TORQUE, VISCOUS, INERTIA, GRAVITY):
-        assert found[name].judgement is Judgement.NOT_JUDGED
-        assert found[name].reason
+        assert comparison[name].judgement is Judgement.NOT_JUDGED
+        assert comparison[name].reason
 
 
 @pytest.mark.slow
@@ -251,26 +256,26 @@ def test_departing_record_is_never_called_unchanged(seed):
         sizes = rng.choice([0.0, 0.05, 0.1, 0.3, 1.0], 6) * rng.choice([-0.5, 1.0], 6)
         factors = dict(zip(("friction", "inertia", "gravity", "torque"), 1.0 + sizes, strict=False))
         values = changed(like.values, **factors, viscous=sizes[4], load=sizes[5])
-        found = comparer.compare(replace(like, values=values))
-        departs = found.probability < 1e-3
+        comparison = comparer.compare(replace(like, values=values))
+        departs = comparison.probability < 1e-3
         # The combined probability is at least the probability of each test times their number.
-        if departs and not found.figures:
-            assert found.changed, number
-        for one in found.quantities:
-            if one.judgement is Judgement.UNCHANGED and one.name in OF_COEFFICIENTS:
+        if departs and not comparison.figures:
+            assert comparison.changed, number
+        for quantity in comparison.quantities:
+            if quantity.judgement is Judgement.UNCHANGED and quantity.name in OF_COEFFICIENTS:
                 # Torque per ampere is shown as the inverse of the judged effort.
-                inverse = 1.0 - one.smallest_change if one.name == TORQUE else 1.0
-                assert abs(one.change) < one.smallest_change / inverse, (number, one)
+                inverse = 1.0 - quantity.smallest_change if quantity.name == TORQUE else 1.0
+                assert abs(quantity.change) < quantity.smallest_change / inverse, (number, quantity)
 
 
 @pytest.mark.slow
 def test_unchanged_quantity_is_below_its_smallest_detectable_change(comparer):
     rng = np.random.default_rng(5)
     for number in range(50):
-        found = comparer.compare(drawn(rng, SEPARATE + number, drawn_effects(rng, 0.01)))
-        for one in found.quantities:
-            if one.judgement is Judgement.UNCHANGED and not found.changed:
-                assert abs(one.change) < one.smallest_change, one
+        comparison = comparer.compare(drawn(rng, SEPARATE + number, drawn_effects(rng, 0.01)))
+        for quantity in comparison.quantities:
+            if quantity.judgement is Judgement.UNCHANGED and not comparison.changed:
+                assert abs(quantity.change) < quantity.smallest_change, quantity
 
 
 @pytest.mark.slow
@@ -283,8 +288,8 @@ def test_healthy_records_of_the_assumed_scatter_give_no_alarm():
         comparer = Comparer(baseline_of(seed, days=1 + seed % 5, scatter=0.008))
         for number in range(10):
             record = drawn(rng, SEPARATE + number, drawn_effects(rng, 0.008), scatter=0.008)
-            found = comparer.compare(record)
-            alarms += [one.name for one in found.changed]
+            comparison = comparer.compare(record)
+            alarms += [quantity.name for quantity in comparison.changed]
     # Six tests of 0.1 % each in 300 records give 1.8 alarms if the scatter is only just covered;
     # the prior covers four times the scatter.
     assert alarms == []
@@ -295,22 +300,24 @@ def test_doubtful_change_is_not_judged_instead_of_unchanged(comparer):
     """Between three standard deviations and significance, friction is not judged."""
     healthy, seen = comparer.baseline.healthy, []
     for factor in np.linspace(1.02, 1.1, 81):
-        found = comparer.compare(record_of(changed(healthy, friction=float(factor))))
-        friction = found[FRICTION]
+        comparison = comparer.compare(record_of(changed(healthy, friction=float(factor))))
+        friction = comparison[FRICTION]
         seen.append(friction.judgement)
         if friction.judgement is Judgement.NOT_JUDGED and not friction.rivals:
             assert "beyond usual variation, but not certain" in friction.reason
-            assert not found.changed
-    steps = [one for one, following in pairwise([*seen, None]) if one is not following]
+            assert not comparison.changed
+    steps = [
+        judgement for judgement, following in pairwise([*seen, None]) if judgement is not following
+    ]
     assert steps[0] is Judgement.UNCHANGED
     assert Judgement.NOT_JUDGED in steps
     assert steps[-1] is Judgement.CHANGED
 
 
 def test_smaller_changes_are_detectable_on_a_day_with_healthy_records(comparer):
-    same, other = comparer.smallest_changes_of_a_day, comparer.smallest_changes
-    assert same.keys() == other.keys() == set(OF_COEFFICIENTS)
-    assert all(same[name] < other[name] for name in same)
+    same, separate = comparer.smallest_changes_of_a_day, comparer.smallest_changes
+    assert same.keys() == separate.keys() == set(OF_COEFFICIENTS)
+    assert all(same[name] < separate[name] for name in same)
 
 
 @pytest.mark.slow
@@ -346,26 +353,26 @@ def test_gaps_name_the_missing_healthy_records():
 def test_load_has_the_unit_of_the_effort():
     baseline = baseline_of()
     record = record_of(changed(baseline.healthy, load=0.2))
-    found = Comparer(baseline, "N.m", 0.5).compare(record)[LOAD]
-    assert found.unit == "N.m"
-    assert found.change == pytest.approx(0.1, abs=0.01)
+    load = Comparer(baseline, "N.m", 0.5).compare(record)[LOAD]
+    assert load.unit == "N.m"
+    assert load.change == pytest.approx(0.1, abs=0.01)
 
 
 def test_friction_over_inertia_equals_the_coefficient_of_a_self_locking_gear(comparer):
     """Friction is 1.4 and inertia 1.1 times the healthy values."""
     record = record_of(changed(comparer.baseline.healthy, friction=1.4, inertia=1.1))
-    found = comparer.compare(record)[FRICTION_OVER_INERTIA]
-    assert found.change == pytest.approx(1.4 / 1.1 - 1.0, abs=0.01)
-    assert found.low < found.change < found.high
-    assert found.judgement is Judgement.CHANGED
+    ratio = comparer.compare(record)[FRICTION_OVER_INERTIA]
+    assert ratio.change == pytest.approx(1.4 / 1.1 - 1.0, abs=0.01)
+    assert ratio.low < ratio.change < ratio.high
+    assert ratio.judgement is Judgement.CHANGED
 
 
 def test_every_quantity_is_judged_once_in_order(comparer):
-    found = comparer.compare(record_of(HEALTHY))
-    assert [one.name for one in found.quantities] == list(QUANTITIES)
-    assert found[PLAY].judgement is Judgement.NOT_JUDGED
-    assert found[TRACKING].judgement is Judgement.NOT_JUDGED
-    assert "no position command" in found[TRACKING].reason
+    comparison = comparer.compare(record_of(HEALTHY))
+    assert [quantity.name for quantity in comparison.quantities] == list(QUANTITIES)
+    assert comparison[PLAY].judgement is Judgement.NOT_JUDGED
+    assert comparison[TRACKING].judgement is Judgement.NOT_JUDGED
+    assert "no position command" in comparison[TRACKING].reason
 
 
 def test_record_with_another_motion_is_judged_with_less_certainty(comparer):
@@ -385,19 +392,19 @@ def _warm(follows: bool, seed: int = 0) -> Comparer:
     kelvin = np.linspace(10.0, 30.0, 12)
     rng.shuffle(kelvin)
     base = baseline_of(
-        seed, days=4, a_day=3, records=[{"temperature": float(one)} for one in kelvin]
+        seed, days=4, a_day=3, records=[{"temperature": float(item)} for item in kelvin]
     )
     records = []
-    for one in base.records:
-        values = np.array(one.values)
+    for item in base.records:
+        values = np.array(item.values)
         if follows:
-            values[VISCOUS_COLUMN] *= 1.0 - 0.02 * (one.temperature - 20.0)
-        records.append(replace(one, values=values))
+            values[VISCOUS_COLUMN] *= 1.0 - 0.02 * (item.temperature - 20.0)
+        records.append(replace(item, values=values))
     return Comparer(replace(base, records=tuple(records)))
 
 
 def _without_temperature(comparer: Comparer) -> Comparer:
-    records = tuple(replace(one, temperature=math.nan) for one in comparer.baseline.records)
+    records = tuple(replace(record, temperature=math.nan) for record in comparer.baseline.records)
     return Comparer(replace(comparer.baseline, records=records))
 
 
@@ -410,10 +417,10 @@ def test_temperature_explains_the_scatter_of_viscous_friction_that_follows_it():
     values = np.array(HEALTHY)
     values[VISCOUS_COLUMN] *= 1.0 - 0.02 * 12.0
     warm = record_of(values, temperature=32.0)
-    found = with_it.compare(warm)
-    assert found[VISCOUS].judgement is Judgement.UNCHANGED
+    comparison = with_it.compare(warm)
+    assert comparison[VISCOUS].judgement is Judgement.UNCHANGED
     # The change beyond the effect of temperature.
-    assert abs(found[VISCOUS].change) < 0.03
+    assert abs(comparison[VISCOUS].change) < 0.03
 
 
 def test_temperature_is_not_used_if_nothing_follows_it():
@@ -433,11 +440,11 @@ def test_record_without_temperature_is_compared_over_all_temperatures():
     for healthy in comparer.baseline.records:
         unknown = comparer.compare(replace(healthy, stamp_ns=0, temperature=math.nan))
         assert unknown[VISCOUS].judgement is not Judgement.CHANGED
-    known, unknown = (
-        comparer.compare(record_of(HEALTHY, temperature=one))[VISCOUS].smallest_change
-        for one in (20.0, math.nan)
+    at_20_degrees, unknown = (
+        comparer.compare(record_of(HEALTHY, temperature=temperature))[VISCOUS].smallest_change
+        for temperature in (20.0, math.nan)
     )
-    assert unknown > 1.3 * known
+    assert unknown > 1.3 * at_20_degrees
 
 
 def _all_friction_follows(per_kelvin: float) -> tuple[Comparer, Array]:
@@ -448,8 +455,8 @@ def _all_friction_follows(per_kelvin: float) -> tuple[Comparer, Array]:
         per_kelvin * np.array([1.0, 3.0]) * HEALTHY[[DRY, VISCOUS_COLUMN]]
     )
     records = [
-        replace(one, values=one.values + (one.temperature - 20.0) * change)
-        for one in steady.baseline.records
+        replace(record, values=record.values + (record.temperature - 20.0) * change)
+        for record in steady.baseline.records
     ]
     return Comparer(replace(steady.baseline, records=tuple(records))), change
 
@@ -472,13 +479,16 @@ def test_change_is_named_at_any_temperature_of_the_healthy_records(kelvin, chang
     """The effect of temperature is not part of the change."""
     warm, slope = _all_friction_follows(-0.01)
     values = np.array(HEALTHY) + (kelvin - 20.0) * slope
-    found = warm.compare(record_of(changed(values, **change), temperature=kelvin))
-    assert names(found) == {name}
-    assert rivals(found) == set()
+    comparison = warm.compare(record_of(changed(values, **change), temperature=kelvin))
+    assert names(comparison) == {name}
+    assert rivals(comparison) == set()
 
 
 def test_effort_of_the_wrong_sign_is_a_change_and_not_an_error(comparer):
     """With friction of -1 times the healthy one, the logarithm of the ratio does not exist."""
-    found = comparer.compare(record_of(-comparer.baseline.healthy))
-    assert found.changed
-    assert all(not one.is_judged or math.isfinite(one.change) for one in found.quantities)
+    comparison = comparer.compare(record_of(-comparer.baseline.healthy))
+    assert comparison.changed
+    assert all(
+        not quantity.is_judged or math.isfinite(quantity.change)
+        for quantity in comparison.quantities
+    )

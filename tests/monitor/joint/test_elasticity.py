@@ -33,7 +33,7 @@ SENSORS = Sensors(noise=0.02)
 @pytest.fixture(scope="module")
 def calibration() -> JointCalibration:
     healthy = healthy_telemetry(ELASTIC, SENSORS, places())
-    return calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
+    return calibrate_joint([window_of(telemetry) for telemetry in healthy], described(SENSORS))
 
 
 def test_elastic_gear_is_detected(calibration):
@@ -89,4 +89,4 @@ def _preparation_of(content: dict) -> dict:
     """Return the mapping of the preparation, at any level of the file."""
     if "preparation" in content:
         return content["preparation"]
-    return next(_preparation_of(one) for one in content.values() if isinstance(one, dict))
+    return next(_preparation_of(value) for value in content.values() if isinstance(value, dict))

@@ -32,9 +32,9 @@ Z90 = 1.645
 def _with_hidden_effort(seed: int, size: float) -> Telemetry:
     """Return a record with gravity that follows the angle of another joint."""
     record = telemetry_of(Joint(), places(seed=seed), Sensors(noise=0.02), seed=seed)
-    other = places(seed=1000 + seed).q
+    hidden_angle = places(seed=1000 + seed).q
     phase = 2.0 * np.pi * np.random.default_rng(seed).random()
-    hidden = size * np.sin(other + record.position + phase)
+    hidden = size * np.sin(hidden_angle + record.position + phase)
     return replace(record, current=record.current + hidden)
 
 
@@ -92,7 +92,7 @@ def test_error_of_the_healthy_friction_does_not_affect_an_unchanged_record():
         Comparer(baseline_of(shape=replace(SHAPE, friction_error=error))).compare(record)
         for error in (0.0, 0.4)
     )
-    assert {one.judgement for one in biased.judged} == {Judgement.UNCHANGED}
+    assert {quantity.judgement for quantity in biased.judged} == {Judgement.UNCHANGED}
     for name in (FRICTION, VISCOUS):
         width = exact[name].high - exact[name].low
         assert biased[name].high - biased[name].low == pytest.approx(width, rel=0.1)

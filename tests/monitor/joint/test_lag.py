@@ -29,12 +29,12 @@ def record(**changes: float) -> Telemetry:
 def test_lag_of_the_effort_is_measured_for_any_friction(lag_s: float):
     joints = [{}, {"coulomb": 1.5 * Joint().coulomb}, {"viscous": 2.0 * Joint().viscous}]
     for changes in joints:
-        base, found = (
-            effort_lag(block_means(one, described(), PREPARATION.cutoff_hz), PREPARATION)
-            for one in (record(**changes), late(record(**changes), lag_s))
+        base, measured = (
+            effort_lag(block_means(telemetry, described(), PREPARATION.cutoff_hz), PREPARATION)
+            for telemetry in (record(**changes), late(record(**changes), lag_s))
         )
-        assert found.lag_s - base.lag_s == pytest.approx(lag_s, abs=1e-3)
-        assert 0.0 < found.sigma < 5e-3
+        assert measured.lag_s - base.lag_s == pytest.approx(lag_s, abs=1e-3)
+        assert 0.0 < measured.sigma < 5e-3
 
 
 def test_only_a_significant_lag_shifts_the_effort():

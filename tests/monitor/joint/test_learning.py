@@ -61,10 +61,10 @@ def coefficients(baseline: Baseline) -> dict[str, float]:
 
 def check(joint: Joint, baseline: Baseline, rel: float, abs_load: float = 0.005) -> None:
     """Check all coefficients except gravity: relatively [-], and the load absolutely [A]."""
-    found = coefficients(baseline)
+    learned_values = coefficients(baseline)
     for name in ("coulomb", "inertia", "viscous"):
-        assert found[name] == pytest.approx(getattr(joint, name), rel=rel), name
-    assert found["load"] == pytest.approx(joint.load, abs=abs_load)
+        assert learned_values[name] == pytest.approx(getattr(joint, name), rel=rel), name
+    assert learned_values["load"] == pytest.approx(joint.load, abs=abs_load)
 
 
 def test_coefficients_without_noise_equal_those_of_the_plant():
@@ -87,12 +87,12 @@ def test_gravity_without_noise_equals_that_of_the_plant():
 @pytest.mark.parametrize("inertia", [0.03, 0.3])
 def test_coefficients_are_right_for_other_ratios_of_friction_and_inertia(coulomb, inertia):
     joint = Joint(coulomb=coulomb, inertia=inertia)
-    found = coefficients(learned(joint, EXACT))
+    learned_values = coefficients(learned(joint, EXACT))
     # Near reversals, the filter smooths the sign of the speed, by 5 % in the rows with the highest
     # weight. These are few, and coupled to viscous friction.
-    assert found["coulomb"] == pytest.approx(coulomb, rel=0.01)
+    assert learned_values["coulomb"] == pytest.approx(coulomb, rel=0.01)
     # With friction of 3 A and an inertia of 0.03, 1 % of friction is 5 % of the effort of inertia.
-    assert found["inertia"] == pytest.approx(inertia, rel=0.02)
+    assert learned_values["inertia"] == pytest.approx(inertia, rel=0.02)
 
 
 @pytest.mark.slow
@@ -111,9 +111,9 @@ def test_coefficients_are_right_for_other_ratios_of_friction_and_inertia(coulomb
 )
 def test_outliers_noise_and_resolution_do_not_bias_the_coefficients(sensors):
     joint = Joint()
-    found = [learned(joint, sensors, seed=seed) for seed in range(3)]
+    baselines = [learned(joint, sensors, seed=seed) for seed in range(3)]
     mean = {
-        name: np.mean([coefficients(one)[name] for one in found])
+        name: np.mean([coefficients(baseline)[name] for baseline in baselines])
         for name in ("coulomb", "inertia", "viscous", "load")
     }
     # The bias by differences is 0.6 %. The random error of 9 records with a noise of 0.2 A at 100
@@ -151,14 +151,16 @@ def test_lag_of_the_effort_is_corrected(motion, lag_s):
 @pytest.mark.parametrize("lag_s", [-0.06, 0.0, 0.06])
 def test_calibration_notes_a_large_lag(lag_s):
     baseline = learned(sensors=Sensors(lag_s=lag_s))
-    remarks = [one for one in baseline_sentences(Comparer(baseline)) if "than the motion" in one]
+    remarks = [
+        remark for remark in baseline_sentences(Comparer(baseline)) if "than the motion" in remark
+    ]
     way = "later" if lag_s > 0.0 else "earlier"
     size = abs(1e3 * baseline.preparation.lag_s)
     expected = (
         f"the effort is {size:.0f} ms {way} than the motion and the described "
         "acquisition explain; the lag is corrected"
     )
-    assert [one.split(":")[0] for one in remarks] == ([expected] if lag_s else [])
+    assert [remark.split(":")[0] for remark in remarks] == ([expected] if lag_s else [])
 
 
 def test_lag_explained_by_the_acquisition_is_not_noted():
@@ -182,11 +184,11 @@ def test_no_lag_is_reported_without_one(seed):
 @pytest.mark.parametrize("h", [0.001, 0.004, 0.02])
 def test_record_of_another_rate_has_the_same_coefficients(h):
     baseline = learned()
-    other = telemetry_of(Joint(), tones(h=h), Sensors(), seed=5)
-    found = read_record(other, described(h=h), baseline.preparation, baseline.shape)
+    resampled = telemetry_of(Joint(), tones(h=h), Sensors(), seed=5)
+    record = read_record(resampled, described(h=h), baseline.preparation, baseline.shape)
     at = [DRY, INERTIA, VISCOUS]
     # Differences with steps of 0.02 s instead of 0.02 to 0.025 s, see above, and noise.
-    np.testing.assert_allclose(found.values[at], baseline.healthy[at], rtol=0.015)
+    np.testing.assert_allclose(record.values[at], baseline.healthy[at], rtol=0.015)
 
 
 # Terms
@@ -256,7 +258,7 @@ def test_records_without_motion_friction_or_direction_are_refused_with_the_reaso
         learned(motion=still)
     with pytest.raises(ValueError, match="does the effort have the sign of the motion"):
         learned(Joint(coulomb=-1.0))
-    short: list[Telemetry] = [one.part(0, 150) for one in healthy_telemetry()]
+    short: list[Telemetry] = [telemetry.part(0, 150) for telemetry in healthy_telemetry()]
     with pytest.raises(ValueError, match="no healthy record can be used"):
         learn(short, described())
 
@@ -280,12 +282,12 @@ def test_payload_is_not_mistaken_for_load_dependent_friction(payload):
     assert baseline.shape.load_share > 0.02
     heavy = joint.times(gravity=payload, inertia=payload)
     telemetry = telemetry_of(heavy, tones(), Sensors(), day=30)
-    found = Comparer(baseline).compare(
+    comparison = Comparer(baseline).compare(
         read_record(telemetry, described_joint, baseline.preparation, baseline.shape)
     )
-    named = {one.name for one in found.changed} - {FRICTION_OVER_INERTIA}
+    named = {quantity.name for quantity in comparison.changed} - {FRICTION_OVER_INERTIA}
     assert named == {GRAVITY_TORQUE, INERTIA_OF_JOINT}
-    assert found[FRICTION].judgement is not Judgement.CHANGED
+    assert comparison[FRICTION].judgement is not Judgement.CHANGED
 
 
 def test_effort_unexplained_by_the_motion_is_named_as_the_reason():
@@ -303,9 +305,9 @@ def test_effort_unexplained_by_the_motion_is_named_as_the_reason():
     text = " ".join(baseline_sentences(comparer))
     assert "does not explain a large part of the effort" in text
     assert "half the speed" not in text
-    found = comparer.compare(comparer.baseline.records[0])
-    assert found[VISCOUS_FRICTION].judgement is Judgement.NOT_JUDGED
-    assert "does not explain a large part of the effort" in found[VISCOUS_FRICTION].reason
+    comparison = comparer.compare(comparer.baseline.records[0])
+    assert comparison[VISCOUS_FRICTION].judgement is Judgement.NOT_JUDGED
+    assert "does not explain a large part of the effort" in comparison[VISCOUS_FRICTION].reason
 
 
 def test_motion_is_the_reason_if_the_effort_is_explained():

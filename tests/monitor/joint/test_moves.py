@@ -17,16 +17,18 @@ def followed(ratios, *, limit=1.5, seed=0, scatter=0.01):
     reported = []
     for day, ratio in enumerate(ratios):
         noise = np.exp(scatter * rng.standard_normal(3))
-        figures = {f"RMS {i}": (i + 1.0) * ratio * one for i, one in enumerate(noise)}
+        figures = {
+            f"RMS {i}": (i + 1.0) * ratio * noise_factor for i, noise_factor in enumerate(noise)
+        }
         reported.append(series.add(Move(day * DAY_NS, figures)))
     return reported
 
 
 def test_constant_unit_stays_ok_and_has_no_predicted_life():
-    reported = [one for seed in range(20) for one in followed(np.ones(30), seed=seed)[4:]]
-    assert all(one.life_days is None for one in reported)
+    reported = [verdict for seed in range(20) for verdict in followed(np.ones(30), seed=seed)[4:]]
+    assert all(verdict.life_days is None for verdict in reported)
     # 520 tests at 1 %: 5 are expected; more than 13 occur once in 1,000 runs.
-    assert sum(one.level != OK for one in reported) <= 13
+    assert sum(verdict.level != OK for verdict in reported) <= 13
 
 
 @pytest.mark.parametrize("law", ["line", "exponential"])
@@ -39,7 +41,7 @@ def test_predicted_life_contains_the_crossing(law):
     held = reported = 0
     for seed in range(10):
         verdicts = followed(1.0 + rise, seed=seed)
-        assert [one.level for one in verdicts[:4]] == [STALE] * 4
+        assert [verdict.level for verdict in verdicts[:4]] == [STALE] * 4
         assert verdicts[crossing + 3].level == ERROR
         for day in range(14, crossing - 1):
             if life := verdicts[day].life_days:

@@ -43,8 +43,8 @@ def test_faulty_record_is_named_with_its_quantity_and_change(number, change, nam
 def test_two_faulty_records_of_different_days_are_both_named():
     """The second fault becomes visible only after the first record is left out."""
     baseline = with_faults(baseline_of(), [0, 5], friction=1.5)
-    found = {baseline.records.index(one.record) for one in outliers(baseline)}
-    assert found == {0, 5}
+    numbers = {baseline.records.index(outlier.record) for outlier in outliers(baseline)}
+    assert numbers == {0, 5}
 
 
 def test_healthy_record_next_to_the_faulty_one_of_its_day_is_not_named():

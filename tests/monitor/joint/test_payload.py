@@ -88,27 +88,27 @@ def errors(arm: list[Record], name: str, *, has_payload: bool) -> tuple[list[flo
     calibration = calibrated(arm, name, has_payload=has_payload)
     at = JOINT_NAMES.index(name)
     healthy = float(np.mean([ratios[at] for ratios, _ in arm[:HEALTHY]]))
-    found, holds = [], []
+    errors_found, holds = [], []
     for record in arm[HEALTHY:]:
         window = window_of(record, name, has_payload=has_payload)
         comparison = identify(window, unit(name), calibration).comparison
         assert comparison is not None
         friction = comparison[FRICTION]
         truth = float(record[0][at]) / healthy - 1.0
-        found.append(abs(friction.change - truth))
+        errors_found.append(abs(friction.change - truth))
         holds.append(bool(friction.low < truth < friction.high))
-    return found, holds
+    return errors_found, holds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BEARING)
 def test_friction_is_right_if_the_payload_is_known(arm, name):
     """Friction rises by up to 40 %; its error is below 3 % of healthy, and within its interval."""
-    found, holds = errors(arm, name, has_payload=True)
-    assert max(found) < 0.03
+    friction_errors, holds = errors(arm, name, has_payload=True)
+    assert max(friction_errors) < 0.03
     assert all(holds)
     unknown, _ = errors(arm, name, has_payload=False)
-    assert max(unknown) > max(0.05, 4.0 * max(found))
+    assert max(unknown) > max(0.05, 4.0 * max(friction_errors))
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_record_without_empty_motion_in_both_directions_is_not_judged(arm):
     backward = np.diff(window.telemetry.position, prepend=0.0) < 0.0
     one_way = replace(window.telemetry, payload=backward.astype(float))
     estimate = identify(replace(window, telemetry=one_way), unit("elbow"), calibration)
-    [reason] = [one for one in estimate.reasons if isinstance(one, TooFewStrokes)]
+    [reason] = [item for item in estimate.reasons if isinstance(item, TooFewStrokes)]
     assert reason.is_empty
     assert "without a payload" in estimate.reason
 
@@ -183,7 +183,9 @@ def test_rows_near_a_payload_are_left_out():
 
 
 def test_part_that_occurs_only_in_a_later_record_is_left_out():
-    records = [replace(one, payload=np.zeros(len(one))) for one in healthy_telemetry()]
+    records = [
+        replace(telemetry, payload=np.zeros(len(telemetry))) for telemetry in healthy_telemetry()
+    ]
     description = described()
     windows = list(map(Window, records))
     assert calibrate_joint(windows, description).baseline.preparation.is_empty

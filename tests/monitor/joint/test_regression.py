@@ -56,23 +56,23 @@ def test_one_percent_of_outliers_moves_the_fit_by_less_than_its_error():
 def test_prior_determines_what_the_rows_leave_open():
     design, target, clusters = drawn(4, 10, shared=0.0)
     design[:, 1] = 0.0
-    found = regress(
+    fit = regress(
         design, target, clusters, CoefficientPrior(np.array([0.0, 0.7, 0.0]), np.full(3, 2.0))
     )
-    assert found.values[1] == pytest.approx(0.7)
-    assert np.sqrt(found.covariance[1, 1]) == pytest.approx(2.0, rel=1e-6)
+    assert fit.values[1] == pytest.approx(0.7)
+    assert np.sqrt(fit.covariance[1, 1]) == pytest.approx(2.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_covariance_is_in_no_direction_below_white_noise(seed):
     rng = np.random.default_rng(seed)
     design, target, clusters = drawn(seed, 6, shared=float(rng.uniform(0.0, 0.2)))
-    found = regress(design, target, clusters, OPEN)
+    fit = regress(design, target, clusters, OPEN)
     weights = robust_fit(design, target, OPEN).weights
-    variance = float(weights @ found.residuals**2) / (len(target) - 3)
+    variance = float(weights @ fit.residuals**2) / (len(target) - 3)
     white = variance * np.linalg.inv(design.T @ (weights[:, None] * design))
     directions = rng.standard_normal((100, 3))
-    ratio = np.einsum("di,ij,dj->d", directions, found.covariance, directions)
+    ratio = np.einsum("di,ij,dj->d", directions, fit.covariance, directions)
     ratio /= np.einsum("di,ij,dj->d", directions, white, directions)
     # The prior of 1000 reduces the variance by 1e-9.
     assert np.min(ratio) > 1.0 - 1e-6
@@ -83,8 +83,8 @@ def test_intervals_are_valid_if_errors_are_correlated_within_strokes(shared):
     covered = np.zeros(3)
     for seed in range(300):
         design, target, clusters = drawn(100 + seed, 20, shared)
-        found = regress(design, target, clusters, OPEN)
-        missed = np.abs(found.values - TRUTH) / np.sqrt(np.diag(found.covariance))
+        fit = regress(design, target, clusters, OPEN)
+        missed = np.abs(fit.values - TRUTH) / np.sqrt(np.diag(fit.covariance))
         covered += missed < 1.645
     # 90 % of 300 has a standard deviation of 1.7 %. 20 strokes give 17 degrees of freedom, with
     # which a normal 90 % interval covers 88 %, and the sandwich estimator is biased low by
@@ -101,8 +101,8 @@ def test_independent_rows_would_give_too_narrow_intervals():
     covered = 0
     for seed in range(100):
         design, target, _ = drawn(100 + seed, 20, shared=0.2)
-        found = regress(design, target, np.arange(len(target)), OPEN)
-        covered += abs(found.values[2] - TRUTH[2]) < 1.645 * np.sqrt(found.covariance[2, 2])
+        fit = regress(design, target, np.arange(len(target)), OPEN)
+        covered += abs(fit.values[2] - TRUTH[2]) < 1.645 * np.sqrt(fit.covariance[2, 2])
     # Errors of 0.2 A common to 25 rows and 0.1 A of each row: the standard error of the mean is
     # sqrt((0.2^2 + 0.1^2 / 25) / (0.2^2 + 0.1^2) * 25) = 4.5 times that of independent rows, and
     # the interval covers 28 %.

@@ -90,10 +90,10 @@ def test_irregular_updates_of_the_position_are_no_departure(calibration, mean, n
     estimate = identify_record(window_of(irregular(plain, mean, names)), described(), calibration)
     assert estimate.verdict == REFUSED
     assert [reason.code for reason in estimate.reasons] == ["other_updates"]
-    found = irregular_updates(irregular(plain, mean).position)
-    assert found is not None
-    assert found.mean == pytest.approx(mean, rel=0.1)
-    assert f"is updated every {found.mean:.1f} samples on average" in estimate.reason
+    updates = irregular_updates(irregular(plain, mean).position)
+    assert updates is not None
+    assert updates.mean == pytest.approx(mean, rel=0.1)
+    assert f"is updated every {updates.mean:.1f} samples on average" in estimate.reason
 
 
 @pytest.mark.parametrize("mean", MEANS)

@@ -28,7 +28,7 @@ def motions(seed: int):
 @pytest.fixture(scope="module")
 def calibration() -> JointCalibration:
     healthy = healthy_telemetry(COGGED, SENSORS)
-    return calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
+    return calibrate_joint([window_of(telemetry) for telemetry in healthy], described(SENSORS))
 
 
 def changed(calibration: JointCalibration, joint: Joint, *, shift: float = 0.0, seed: int = 50):
@@ -45,8 +45,8 @@ def changed(calibration: JointCalibration, joint: Joint, *, shift: float = 0.0, 
 def test_ripple_is_detected_with_its_wave_number(waves):
     joint = replace(COGGED, ripple_waves=waves)
     baseline = learn(healthy_telemetry(joint, SENSORS), described(SENSORS))
-    (found,) = baseline.preparation.ripples
-    assert found == pytest.approx(waves, rel=0.003)
+    (ripple,) = baseline.preparation.ripples
+    assert ripple == pytest.approx(waves, rel=0.003)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -61,15 +61,15 @@ def test_two_ripples_are_detected():
     for telemetry in healthy_telemetry(COGGED, SENSORS):
         second = 0.3 * np.cos(2.0 * np.pi * 1.3 * telemetry.position)
         healthy.append(replace(telemetry, current=telemetry.current + second))
-    found = learn(healthy, described(SENSORS)).preparation.ripples
+    ripples = learn(healthy, described(SENSORS)).preparation.ripples
     # An error of 0.1 periods over the travel leaves a tenth of a ripple.
-    assert sorted(found) == pytest.approx([1.3, 3.0], abs=0.1 / 2.4)
+    assert sorted(ripples) == pytest.approx([1.3, 3.0], abs=0.1 / 2.4)
 
 
 def test_friction_with_a_ripple_is_as_accurate_as_without(calibration):
     smooth = replace(COGGED, ripple=0.0)
     healthy = healthy_telemetry(smooth, SENSORS)
-    plain = calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
+    plain = calibrate_joint([window_of(telemetry) for telemetry in healthy], described(SENSORS))
     limit = plain.comparer.smallest_changes[FRICTION]
     assert calibration.comparer.smallest_changes[FRICTION] < 1.1 * limit
     worn = changed(calibration, COGGED.times(coulomb=1.15))
@@ -83,7 +83,9 @@ def test_phase_of_the_ripple_is_independent_in_each_record(shift):
     """An incremental encoder has a different zero after each start."""
     level = replace(COGGED, gravity=0.0)
     healthy = healthy_telemetry(level, SENSORS)
-    calibration = calibrate_joint([window_of(one) for one in healthy], described(SENSORS))
+    calibration = calibrate_joint(
+        [window_of(telemetry) for telemetry in healthy], described(SENSORS)
+    )
     assert changed(calibration, level, shift=shift).changed == ()
     worn = changed(calibration, level.times(coulomb=1.3), shift=shift)
     assert worn[FRICTION].change == pytest.approx(0.3, abs=0.02)

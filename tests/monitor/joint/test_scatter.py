@@ -29,7 +29,7 @@ def twin(nodes, values, variances, days, test, row=0.0, covariates=None):
     # The flat prior of the mean is a wide normal one.
     prior = np.diag([1e8] + [(30.0 * max(RECORDS, BETWEEN)) ** 2] * (design.shape[1] - 1))
     all_days, errors = [*days, test[0]], [*variances, test[1]]
-    found = []
+    components = []
     for a in nodes:
         for b in nodes:
             record, day = RECORDS * math.exp(SPREAD * a), BETWEEN * math.exp(SPREAD * b)
@@ -38,14 +38,14 @@ def twin(nodes, values, variances, days, test, row=0.0, covariates=None):
                 for j in range(n + 1):
                     whole[i, j] += day**2 * (all_days[i] == all_days[j])
                 whole[i, i] += record**2 + errors[i]
-            known, cross = whole[:n, :n], whole[:n, n]
+            inner, cross = whole[:n, :n], whole[:n, n]
             centred = np.asarray(values) - np.mean(values)
-            solved = np.linalg.solve(known, centred)
-            log = -0.5 * (centred @ solved + np.linalg.slogdet(known)[1] + a**2 + b**2)
+            solved = np.linalg.solve(inner, centred)
+            log = -0.5 * (centred @ solved + np.linalg.slogdet(inner)[1] + a**2 + b**2)
             mean = np.mean(values) + cross @ solved
-            variance = whole[n, n] - cross @ np.linalg.solve(known, cross)
-            found.append((log, mean, variance))
-    logs, means, spreads = np.array(found).T
+            variance = whole[n, n] - cross @ np.linalg.solve(inner, cross)
+            components.append((log, mean, variance))
+    logs, means, spreads = np.array(components).T
     weights = np.exp(logs - np.max(logs))
     return weights / np.sum(weights), means, spreads
 
@@ -58,12 +58,12 @@ def scatter(values=VALUES, variances=VARIANCES, days=DAYS, covariates=None) -> S
 def test_prediction_agrees_with_full_covariance_matrices_on_the_same_grid(day):
     nodes = np.linspace(-2.5, 2.5, NODES)
     weights, means, variances = twin(nodes, VALUES, VARIANCES, DAYS, (day, 2e-4))
-    found = scatter().predict(2e-4, day)
+    prediction = scatter().predict(2e-4, day)
     mean = float(weights @ means)
     # Weights below 1e-6 are left out, and a prior of 1e4 for the mean is nearly flat.
-    assert found.mean == pytest.approx(mean, abs=1e-6)
+    assert prediction.mean == pytest.approx(mean, abs=1e-6)
     sigma = math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
-    assert found.sigma == pytest.approx(sigma, rel=1e-3)
+    assert prediction.sigma == pytest.approx(sigma, rel=1e-3)
 
 
 def test_prediction_with_a_covariate_agrees_with_full_covariance_matrices():
@@ -73,11 +73,13 @@ def test_prediction_with_a_covariate_agrees_with_full_covariance_matrices():
     weights, means, variances = twin(
         nodes, values, VARIANCES, DAYS, (None, 1e-4), row=0.5, covariates=covariates
     )
-    found = scatter(values, covariates=covariates[:, None]).predict(1e-4, None, np.array([0.5]))
+    prediction = scatter(values, covariates=covariates[:, None]).predict(
+        1e-4, None, np.array([0.5])
+    )
     mean = float(weights @ means)
-    assert found.mean == pytest.approx(mean, abs=1e-6)
+    assert prediction.mean == pytest.approx(mean, abs=1e-6)
     sigma = math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
-    assert found.sigma == pytest.approx(sigma, rel=1e-3)
+    assert prediction.sigma == pytest.approx(sigma, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -86,40 +88,45 @@ def test_grid_of_scatters_is_fine_enough(day):
     weights, means, variances = twin(
         np.linspace(-4.0, 4.0, 41), VALUES, VARIANCES, DAYS, (day, 1e-4)
     )
-    found = scatter().predict(1e-4, day)
+    prediction = scatter().predict(1e-4, day)
     exact = Prediction(weights, means, variances, weights)
     # A grid to 2.5 standard deviations leaves out 1 % of the prior, which has the widest tails: 3 %
     # of the distance of a quantile exceeded by 0.05 % of the records.
     for share in (0.0005, 0.05, 0.5, 0.95, 0.9995):
         expected = exact.quantile(share)
         away = 0.03 * abs(expected - exact.mean) + 0.02 * exact.sigma
-        assert found.quantile(share) == pytest.approx(expected, abs=away), share
+        assert prediction.quantile(share) == pytest.approx(expected, abs=away), share
 
 
 def test_mixture_agrees_with_drawn_records():
     """Draw days and records from the posterior, and count."""
-    found = scatter().predict(1e-4, None)
+    prediction = scatter().predict(1e-4, None)
     rng = np.random.default_rng(0)
-    chosen = rng.choice(len(found.weights), 200_000, p=found.weights)
-    drawn = found.means[chosen] + np.sqrt(found.variances[chosen]) * rng.standard_normal(200_000)
+    chosen = rng.choice(len(prediction.weights), 200_000, p=prediction.weights)
+    drawn = prediction.means[chosen] + np.sqrt(prediction.variances[chosen]) * rng.standard_normal(
+        200_000
+    )
     for share in (0.05, 0.5, 0.95):
         # The standard error of a share of 200,000 draws is 0.1 %.
-        assert np.mean(drawn < found.quantile(share)) == pytest.approx(share, abs=0.004)
+        assert np.mean(drawn < prediction.quantile(share)) == pytest.approx(share, abs=0.004)
 
 
 @pytest.mark.parametrize("share", [1e-4, 0.0005, 0.05, 0.3, 0.5, 0.9, 0.9995])
 def test_quantile_inverts_the_distribution(share):
-    found = scatter().predict(1e-4, None)
+    prediction = scatter().predict(1e-4, None)
     # A millionth of the bracket of 16 standard deviations, at the peak of the density.
-    assert found.below(found.quantile(share)) == pytest.approx(share, abs=1e-5, rel=1e-3)
+    assert prediction.below(prediction.quantile(share)) == pytest.approx(share, abs=1e-5, rel=1e-3)
 
 
 def test_probability_is_small_far_from_the_middle_and_one_in_it():
-    found = scatter().predict(1e-4, None)
-    assert found.probability(found.quantile(0.5)) == pytest.approx(1.0, abs=1e-4)
-    assert found.probability(found.quantile(0.9995)) == pytest.approx(0.001, rel=1e-2)
+    prediction = scatter().predict(1e-4, None)
+    assert prediction.probability(prediction.quantile(0.5)) == pytest.approx(1.0, abs=1e-4)
+    assert prediction.probability(prediction.quantile(0.9995)) == pytest.approx(0.001, rel=1e-2)
     # Far out it is tiny but not 0: the distribution function keeps its lower tail.
-    assert found.probability(found.mean + 6.0 * float(np.sqrt(np.max(found.variances)))) > 0.0
+    assert (
+        prediction.probability(prediction.mean + 6.0 * float(np.sqrt(np.max(prediction.variances))))
+        > 0.0
+    )
 
 
 def test_additional_days_narrow_the_prediction_and_records_of_one_day_hardly_do():
@@ -138,10 +145,10 @@ def test_additional_days_narrow_the_prediction_and_records_of_one_day_hardly_do(
 
 
 def test_record_of_a_day_with_healthy_records_is_predicted_better():
-    same, other = (scatter().predict(1e-4, day) for day in (0, 77))
-    assert same.sigma < 0.95 * other.sigma
+    same, separate = (scatter().predict(1e-4, day) for day in (0, 77))
+    assert same.sigma < 0.95 * separate.sigma
     # And its prediction is near the records of its day: day 1 was high.
-    assert scatter().predict(1e-4, 1).mean > other.mean
+    assert scatter().predict(1e-4, 1).mean > separate.mean
 
 
 def test_error_of_the_record_adds_to_the_variance():
@@ -176,11 +183,11 @@ def test_smallest_change_is_detected_with_the_stated_power(significance, days):
         healthy = Scatter(
             values, np.full(len(values), error**2), numbers.tolist(), RECORDS, BETWEEN
         )
-        found = healthy.predict(error**2, None)
+        prediction = healthy.predict(error**2, None)
         later = of_day[-1] + math.hypot(record, error) * rng.standard_normal()
-        alarms += found.probability(later) < significance
-        changed = later + found.smallest_change(significance, 0.9)
-        detected += found.probability(changed) < significance
+        alarms += prediction.probability(later) < significance
+        changed = later + prediction.smallest_change(significance, 0.9)
+        detected += prediction.probability(changed) < significance
     # 90 % of 500 has a standard deviation of 1.3 %; truncating the priors at 2.5 standard
     # deviations costs less than 1 %.
     assert detected / count == pytest.approx(0.9, abs=0.04)
@@ -193,7 +200,7 @@ def test_smallest_change_is_detected_with_the_stated_power(significance, days):
 def test_smallest_change_is_detected_with_the_stated_power_for_any_scatter_between_days(ratio):
     """The days scatter by ``ratio`` times the median of the prior, and records by half of that."""
     rng = np.random.default_rng(8)
-    day, error, found = ratio * BETWEEN, 0.004, []
+    day, error, detected = ratio * BETWEEN, 0.004, []
     numbers = [0, 0, 0, 1, 1, 1, 2, 2, 2]
     whole = math.sqrt(1.25 * day**2 + error**2)
     for _ in range(150):
@@ -203,17 +210,17 @@ def test_smallest_change_is_detected_with_the_stated_power_for_any_scatter_betwe
         limit = prediction.quantile(0.9995)
         missed = limit - prediction.smallest_change(1e-3, 0.9)
         # The records belong to a unit whose mean is 0.
-        found.append(1.0 - statistics.NormalDist(0.0, whole).cdf(missed))
+        detected.append(1.0 - statistics.NormalDist(0.0, whole).cdf(missed))
     # The information of three days varies by 20 % to 40 %: the mean of 150 has a standard error of
     # 1.5 %. The grid of scatters ends beyond five times the median.
-    assert 0.86 < np.mean(found) < 0.97
+    assert 0.86 < np.mean(detected) < 0.97
 
 
 def test_normal_distribution_function_agrees_with_the_standard_library():
-    one = Prediction(np.ones(1), np.zeros(1), np.ones(1), np.ones(1))
+    standard = Prediction(np.ones(1), np.zeros(1), np.ones(1), np.ones(1))
     for x in (-30.0, -5.0, -0.3, 0.0, 2.0):
-        assert one.below(x) == pytest.approx(statistics.NormalDist().cdf(x), abs=1e-15)
-    assert one.below(-30.0) > 0.0
+        assert standard.below(x) == pytest.approx(statistics.NormalDist().cdf(x), abs=1e-15)
+    assert standard.below(-30.0) > 0.0
 
 
 @pytest.mark.parametrize("ratio", [0.4, 1.0, 2.0, 4.0])

@@ -33,7 +33,7 @@ def test_filtered_column_does_not_depend_on_the_direction_of_time():
 
 def test_columns_filtered_together_and_separately_are_equal():
     columns = np.random.default_rng(1).standard_normal((3, 300))
-    alone = np.array([smoothed(one, 5.0) for one in columns])
+    alone = np.array([smoothed(column, 5.0) for column in columns])
     np.testing.assert_array_equal(smoothed(columns, 5.0), alone)
 
 
@@ -106,9 +106,9 @@ def test_strokes_are_counted_by_reversals_and_long_ones_are_divided(strokes):
     telemetry = Telemetry(0, 0.01, 1, position, speed, position, np.empty(0))
     lost = np.zeros(len(t), dtype=bool)
     lost[400:450] = True  # A gap does not divide a stroke.
-    for one in (telemetry, replace(telemetry, interpolated=lost)):
+    for record in (telemetry, replace(telemetry, interpolated=lost)):
         signals = filtered(
-            block_means(one, described(), 2.0), PREPARATION._replace(usual_speed=1.0)
+            block_means(record, described(), 2.0), PREPARATION._replace(usual_speed=1.0)
         )
         for way in (1, -1):
             assert signals.strokes(way) == strokes

@@ -85,13 +85,13 @@ def test_spikes_change_no_judgement_and_are_counted(calibration, share, size, fr
     plain = telemetry_of(JOINT.times(coulomb=friction), tones(), Sensors(), seed=9, day=60)
     wrong = spiked(plain, share, size)
     expected, actual = (
-        identify_record(window_of(one), described(), calibration) for one in (plain, wrong)
+        identify_record(window_of(item), described(), calibration) for item in (plain, wrong)
     )
     assert expected.comparison is not None
     assert actual.comparison is not None
     assert actual.verdict == expected.verdict
-    assert [one.name for one in actual.comparison.changed] == [
-        one.name for one in expected.comparison.changed
+    assert [item.name for item in actual.comparison.changed] == [
+        item.name for item in expected.comparison.changed
     ]
     shift = actual.comparison[FRICTION].change - expected.comparison[FRICTION].change
     assert abs(shift) < 0.005
@@ -103,8 +103,12 @@ def test_spikes_change_no_judgement_and_are_counted(calibration, share, size, fr
 def test_spikes_of_a_healthy_record_do_not_change_the_baseline(calibration):
     healthy = healthy_telemetry(JOINT)
     healthy[4] = spiked(healthy[4], 0.005, 500.0)
-    other = calibrate_joint(list(map(window_of, healthy)), described())
-    assert not other.outliers
-    expected, actual = (one.comparer.smallest_changes[FRICTION] for one in (calibration, other))
+    spiked_calibration = calibrate_joint(list(map(window_of, healthy)), described())
+    assert not spiked_calibration.outliers
+    expected, actual = (
+        item.comparer.smallest_changes[FRICTION] for item in (calibration, spiked_calibration)
+    )
     assert actual == pytest.approx(expected, rel=0.05)
-    np.testing.assert_allclose(other.baseline.healthy, calibration.baseline.healthy, atol=0.002)
+    np.testing.assert_allclose(
+        spiked_calibration.baseline.healthy, calibration.baseline.healthy, atol=0.002
+    )

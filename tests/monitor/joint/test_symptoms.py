@@ -30,9 +30,9 @@ def test_figure_beyond_the_scatter_of_the_healthy_records_departs():
     records = [{"figures": drawn_figures(rng, 0.01)} for _ in range(9)]
     comparer = SymptomComparer(baseline_of(records=records))
     record = record_of(HEALTHY, figures={"error_scatter": -2.8, "error_roughness": -5.0})
-    (found,) = comparer.figures(record, 0.0).figures
-    assert found.name == "error_scatter"
-    assert found.ratio == pytest.approx(np.exp(0.2), rel=0.02)
+    (figure,) = comparer.figures(record, 0.0).figures
+    assert figure.name == "error_scatter"
+    assert figure.ratio == pytest.approx(np.exp(0.2), rel=0.02)
 
 
 def drawn_figures(rng: np.random.Generator, scatter: float) -> dict[str, float]:

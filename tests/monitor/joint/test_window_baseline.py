@@ -39,11 +39,11 @@ def test_stretches_are_compared_with_means_of_equally_many_healthy_windows():
         for seed, load in enumerate(loads[:3] + 0.045)
         for part in figures_of(slide(load=load, noise=0.02, seed=30 + seed))
     ]
-    alone = [healthy.departure(0, [one]) for one in changed]
-    assert [one and one.is_significant for one in alone] == [False] * 3
-    found = healthy.departure(0, changed)
-    assert found
-    assert {one.name for one in found.changes} == {"current_forward", "current_backward"}
+    alone = [healthy.departure(0, [item]) for item in changed]
+    assert [item and item.is_significant for item in alone] == [False] * 3
+    departure = healthy.departure(0, changed)
+    assert departure
+    assert {item.name for item in departure.changes} == {"current_forward", "current_backward"}
 
 
 def test_other_motion_is_not_judged(healthy):
@@ -54,16 +54,16 @@ def test_other_motion_is_not_judged(healthy):
     # Each of several motions is judged by its own healthy windows.
     scales = (1.0, 1.3, 1.6)
     several = WindowBaseline.of(
-        replace(one, command=scale * one.command)
+        replace(window_of_seed, command=scale * window_of_seed.command)
         for scale in scales
-        for one in (slide(noise=0.02, seed=seed) for seed in range(4))
+        for window_of_seed in (slide(noise=0.02, seed=seed) for seed in range(4))
     )
     for friction, departs in ((0.6, False), (0.68, True)):
         dry = slide(friction=friction, noise=0.02, seed=22)
         parts = figures_of(window) + figures_of(replace(dry, command=1.3 * dry.command))
-        found = several.departure(0, parts)
-        assert found
-        assert found.is_significant == departs
+        departure = several.departure(0, parts)
+        assert departure
+        assert departure.is_significant == departs
     assert WindowBaseline.of([window] * 2).departure(0, figures_of(window)) is None
 
 
@@ -96,20 +96,22 @@ def test_healthy_windows_of_several_loads_judge_each_load_separately():
 
 def test_small_load_explains_only_levels(healthy):
     for noise, explains in ((0.02, True), (0.06, False)):
-        found = healthy.departure(0, figures_of(slide(load=0.15, noise=noise, seed=30)))
-        assert found
-        assert (found.is_significant, found.load_explains) == (True, explains)
+        departure = healthy.departure(0, figures_of(slide(load=0.15, noise=noise, seed=30)))
+        assert departure
+        assert (departure.is_significant, departure.load_explains) == (True, explains)
 
 
 def test_parts_of_a_test_are_judged_by_their_own_loads():
     windows = [slide(load=load, noise=0.02, seed=n) for n, load in enumerate([0.1, 0.4] * 6)]
-    known = WindowBaseline.of(windows)
+    baseline = WindowBaseline.of(windows)
     for friction, departs in ((0.6, False), (0.68, True)):
         some = [slide(load=0.1, noise=0.02, seed=30), slide(load=0.1, noise=0.02, seed=31)]
         some.append(slide(load=0.4, friction=friction, noise=0.02, seed=32))
-        found = known.departure(0, [part for one in some for part in figures_of(one)])
-        assert found
-        assert found.is_significant == departs
+        departure = baseline.departure(
+            0, [part for slide_part in some for part in figures_of(slide_part)]
+        )
+        assert departure
+        assert departure.is_significant == departs
 
 
 def test_departure_that_may_be_due_to_the_day_is_stated(healthy):
@@ -135,26 +137,26 @@ def labelled(normal: WindowBaseline, state: str, telemetry: Telemetry) -> Window
 
 
 def states_of(normal: WindowBaseline, telemetry: Telemetry) -> Mapping[str, float]:
-    found = normal.departure(telemetry.stamp_ns, figures_of(telemetry))
-    assert found
-    return found.states
+    departure = normal.departure(telemetry.stamp_ns, figures_of(telemetry))
+    assert departure
+    return departure.states
 
 
 def test_departure_resembles_a_labelled_state(healthy):
-    known = healthy
-    assert states_of(known, later(50, state="dry 1")) == {}
+    baseline = healthy
+    assert states_of(baseline, later(50, state="dry 1")) == {}
     for number in range(1, 4):
-        known = labelled(known, "dry 1", later(number, state="dry 1"))
-        known = labelled(known, "dry 2", later(10 + number, state="dry 2"))
-    assert known.states() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
+        baseline = labelled(baseline, "dry 1", later(number, state="dry 1"))
+        baseline = labelled(baseline, "dry 2", later(10 + number, state="dry 2"))
+    assert baseline.states() == {"healthy": 12, "dry 1": 3, "dry 2": 3}
     for state in ("dry 1", "dry 2"):
-        assert next(iter(states_of(known, later(50, state=state)))) == state
-        departure = known.departure(50, figures_of(later(50, state=state)))
+        assert next(iter(states_of(baseline, later(50, state=state)))) == state
+        departure = baseline.departure(50, figures_of(later(50, state=state)))
         assert departure
         assert departure.likeness
         assert f"the most probable labelled state is {state} (" in text_of(departure.likeness)
-    assert next(iter(states_of(known, later(50, friction=1.5)))) == NONE_OF_THESE
-    assert next(iter(states_of(known, later(50)))) == HEALTHY
+    assert next(iter(states_of(baseline, later(50, friction=1.5)))) == NONE_OF_THESE
+    assert next(iter(states_of(baseline, later(50)))) == HEALTHY
     faster = later(50, state="dry 1")
     for strange, words in (
         (later(50, load=0.3), "no state is named: the load is new, 0.2 A from"),
@@ -163,23 +165,23 @@ def test_departure_resembles_a_labelled_state(healthy):
             "no healthy window has the motion 6 rad at 2 rad/s, 25 Hz",
         ),
     ):
-        found = known.departure(50, figures_of(strange))
-        assert found
-        assert found.likeness
-        assert (found.states, words in text_of(found.likeness)) == ({}, True)
-    assert list(known.without("dry 1").states()) == [HEALTHY, "dry 2"]
-    assert healthy.with_labels_of(known) == known
+        departure = baseline.departure(50, figures_of(strange))
+        assert departure
+        assert departure.likeness
+        assert (departure.states, words in text_of(departure.likeness)) == ({}, True)
+    assert list(baseline.without("dry 1").states()) == [HEALTHY, "dry 2"]
+    assert healthy.with_labels_of(baseline) == baseline
     # A figure of the labelled tests may be missing.
     lacking = figures_of(later(50, state="dry 1"))
     del lacking[0].values["rest_current"]
-    found = known.departure(50, lacking)
-    assert found
-    assert "dry 1" in found.states
+    departure = baseline.departure(50, lacking)
+    assert departure
+    assert "dry 1" in departure.states
     # Labelled again, and with another load, no state has three tests.
-    anew = labelled(known, "dry 2", later(3, state="dry 1"))
+    anew = labelled(baseline, "dry 2", later(3, state="dry 1"))
     assert anew.states() == {"healthy": 12, "dry 1": 2, "dry 2": 4}
     with_loads = WindowBaseline(
-        (*known.windows, *WindowBaseline.of(later(80 + n, load=0.5) for n in range(6)).windows)
+        (*baseline.windows, *WindowBaseline.of(later(80 + n, load=0.5) for n in range(6)).windows)
     )
     assert states_of(with_loads, later(90, state="dry 1", load=0.5)) == {}
     assert "dry 1" in states_of(with_loads, later(90, state="dry 1"))
@@ -204,7 +206,7 @@ def test_test_that_cannot_be_compared_with_later_ones_is_not_labelled(
 def test_windows_that_are_alike_by_chance_judge_nothing():
     windows = [slide(noise=0.02, seed=seed) for seed in range(12)]
     varied = [
-        replace(one, command=1.2 ** max(0, number - 3) * one.command)
-        for number, one in enumerate(windows)
+        replace(window, command=1.2 ** max(0, number - 3) * window.command)
+        for number, window in enumerate(windows)
     ]
     assert WindowBaseline.of(varied).departure(0, figures_of(slide(noise=0.06, seed=90))) is None

@@ -47,7 +47,7 @@ def test_scatter_and_roughness_of_white_noise_are_right():
 
 def test_parts_are_weighted_by_their_samples():
     some = slide(friction=0.6, seconds=30.0), slide(friction=0.9, seconds=60.0)
-    parts = [part for one in some for part in figures_of(one)]
+    parts = [part for piece in some for part in figures_of(piece)]
     assert mean_of(parts)["friction_current"] == pytest.approx(0.8)
 
 
