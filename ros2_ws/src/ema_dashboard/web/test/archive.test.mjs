@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of an archive's fleet, with the summary that the dashboard makes of drawn tables.
+// The fleet page of an archive, with the dashboard's summary of random tables.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, describe, test } from "node:test";
@@ -13,7 +13,7 @@ const { curveOf } = await load("archive.ts");
 const fleet = drawnFleet();
 const whole = (count) => count.toLocaleString("en-GB");
 
-test("the curve begins with all units and ends where the longest was watched", () => {
+test("the curve begins with all units and ends with the longest observation", () => {
   const step = { age: 10, at_risk: 4, failed: 1, share: 0.75, lower: 0.5, upper: null };
   assert.deepEqual(curveOf({ survival: [step], longest_age: 30 }),
     [[0, 10, 30], [1, 0.75, 0.75], [1, 0.5, 0.5], [1, null, null]]);
@@ -47,7 +47,7 @@ describe("an archive of 1600 units", () => {
     await page.goto(stage.address + at);
   }
 
-  test("it shows the figures of the summary", async () => {
+  test("it shows the values of the summary", async () => {
     await open("#/archive", fleet);
     await page.waitForSelector("#survival");
     for (const name of ["ok", "warn", "error", "stale"]) {
@@ -84,7 +84,7 @@ describe("an archive of 1600 units", () => {
     assert.ok(coverage.includes(format.percent(fleet.recent[1].tested / fleet.recent[1].units)));
   });
 
-  test("the way to it is there only where the dashboard has an archive", async () => {
+  test("the link to it exists only if the dashboard has an archive", async () => {
     await open("", { archive: null });
     await page.waitForSelector("table.fleet tbody tr");
     assert.equal(await page.locator("nav").count(), 0);
@@ -105,7 +105,7 @@ describe("an archive of 1600 units", () => {
     assert.equal(words, "Of 4000 bags: 2 cannot be read, 1 can be read only in part. Unreadable: /a.mcap, /b.mcap");
   });
 
-  test("why there is none is told", async () => {
+  test("the reason for a missing archive is shown", async () => {
     await open("#/archive", "the folder hangar_7 has no tables");
     const words = await page.locator("[role=alert]").innerText();
     assert.match(words, /hangar_7 has no tables/);
@@ -117,11 +117,11 @@ describe("an archive of 1600 units", () => {
 
   for (const colorScheme of ["light", "dark"]) {
     for (const viewport of [{ width: 1280, height: 900 }, { width: 390, height: 844 }]) {
-      test(`nothing hinders access: ${viewport.width} px, ${colorScheme}`, async () => {
+      test(`the page is accessible: ${viewport.width} px, ${colorScheme}`, async () => {
         await open("#/archive", fleet, { colorScheme, viewport });
         await page.waitForSelector("[aria-labelledby=survival] canvas");
         assert.deepEqual(await hindrances(page), []);
-        // The pictures take the width of the screen one after the other.
+        // The plots adapt to the width of the screen one after another.
         await until("that nothing is wider than the screen", async () =>
           (await overflow(page)) <= 0);
       });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The summary of a drawn fleet, made by the code that makes it for the dashboard.
+// The summary of a random fleet, computed by the code of the dashboard.
 
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";

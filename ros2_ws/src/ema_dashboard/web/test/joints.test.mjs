@@ -32,9 +32,9 @@ describe("two robots, joints without a robot, and two actuators", () => {
     page = await context.newPage();
     page.faults = [];
     page.on("pageerror", (error) => page.faults.push(String(error)));
-    page.on("console", (said) => {
-      if (said.type() === "error" && !/Failed to load resource/.test(said.text())) {
-        page.faults.push(said.text());
+    page.on("console", (entry) => {
+      if (entry.type() === "error" && !/Failed to load resource/.test(entry.text())) {
+        page.faults.push(entry.text());
       }
     });
     await page.goto(stage.address + at);
@@ -50,7 +50,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
       (await page.locator(".joint .sparkline").count()) === 11);
   }
 
-  test("the grid shows the joints by robot, the worst first", async () => {
+  test("the grid shows the joints by robot, from worst to best", async () => {
     await open();
     await allShown();
     assert.deepEqual(await page.locator(".robot h2").allInnerTexts(), ["left", "right", "Joints"]);
@@ -80,28 +80,28 @@ describe("two robots, joints without a robot, and two actuators", () => {
     const trend = await cell(ELBOW).locator(".sparkline").getAttribute("aria-label");
     const last = Number(/to (\d+) %/.exec(trend)[1]);
     assert.ok(last > 80 && last <= Math.ceil(100 * friction.high), trend);
-    // A further record reaches the trend, at the end of which it is.
+    // A further record is appended to the trend.
     await stage.source.order({ do: "test", actuator: ELBOW });
     await until("a trend with the new record", async () =>
       (await cell(ELBOW).locator(".sparkline").getAttribute("aria-label")) !== trend);
   });
 
-  test("LEARNING has a shape and a colour of its own, and says how far it has come", async () => {
+  test("LEARNING has its own shape and colour, and shows its progress", async () => {
     await open();
     await allShown();
     assert.equal(await level(LEARNING), "LEARNING");
-    const styleOf = (id) => cell(id).evaluate((one) => [
-      getComputedStyle(one).borderLeftColor, one.querySelector(".level-shape").innerHTML,
+    const styleOf = (id) => cell(id).evaluate((element) => [
+      getComputedStyle(element).borderLeftColor, element.querySelector(".level-shape").innerHTML,
     ]);
     const shown = await Promise.all([LEARNING, ELBOW, "left/wrist_2", "right/shoulder_pan",
       "left/wrist_1"].map(styleOf));
-    for (const part of [0, 1]) assert.equal(new Set(shown.map((one) => one[part])).size, 5);
+    for (const part of [0, 1]) assert.equal(new Set(shown.map((style) => style[part])).size, 5);
     const text = (await cell(LEARNING).innerText()).replaceAll("\u00a0", " ");
     assert.match(text, /4 of 10 records on 2 days/);
     assert.match(text, /friction changes above 15 % would show, above 38 % on another day/);
     assert.match(text, /3 more healthy records/);
     assert.match(await cell(BEGINNER).innerText(), /a baseline needs at least 3/);
-    // In the table and among the levels, too.
+    // The table and the levels show it, too.
     const chip = page.locator(".chip.learning");
     assert.equal((await chip.innerText()).replace(/\s+/g, " ").trim(), "3 LEARNING");
     await page.getByRole("button", { name: "table" }).click();
@@ -114,7 +114,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
     assert.equal(await page.locator(".joint").count(), 0, "a reload keeps the choice");
   });
 
-  test("a failure of a joint that learns is shown, not hidden by LEARNING", async () => {
+  test("a failure of a learning joint is shown, not hidden by LEARNING", async () => {
     await open();
     await allShown();
     await stage.source.order({ do: "set", actuator: LEARNING, level: 2 });
@@ -143,7 +143,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
     }
   });
 
-  test("a person accepts a baseline; a refusal is shown, and may be overruled", async () => {
+  test("a person accepts a baseline; a refusal is shown and can be overruled", async () => {
     await open(addressOf(LEARNING));
     await page.getByRole("button", { name: "Accept", exact: true }).click();
     const form = page.locator("form.change");
@@ -182,7 +182,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
     assert.equal(await page.locator(".head .banner").count(), 0, "learning is no refusal");
   });
 
-  test("a dashboard that is gone leaves the form with what was typed", async () => {
+  test("the form keeps its text if the dashboard is unreachable", async () => {
     await open(addressOf(LEARNING));
     await page.getByRole("button", { name: "Accept", exact: true }).click();
     const form = page.locator("form.change");
@@ -201,7 +201,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
       ["learning joint", addressOf(LEARNING), "[aria-labelledby=baseline]"],
     ]) {
       for (const [of, viewport] of [["", { width: 1280, height: 900 }], [" on a phone", PHONE]]) {
-        test(`nothing hinders access: ${name}${of}, ${colorScheme}`, async () => {
+        test(`the page is accessible: ${name}${of}, ${colorScheme}`, async () => {
           await open(at, { colorScheme, viewport });
           await page.waitForSelector(ready);
           const accept = page.getByRole("button", { name: "Accept", exact: true });

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// 200 actuators with live telemetry, and 60 joints: time of the page's main thread, and memory.
+// Main-thread time and memory of the page with 200 live actuators, and with 60 joints.
 //
-// LOAD_S=600 makes it the long form, in which nothing may grow.
+// LOAD_S=600 selects the long run, in which memory must not grow.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -10,20 +10,20 @@ import { Stage, browse, until } from "./stage.mjs";
 
 const SECONDS = Number(process.env.LOAD_S ?? 10);
 const LONG_S = 120;
-const MOST_BUSY = 0.3; // of a second
-const MOST_GROWTH = 0.1; // of what is used when all garbage is collected
-const MOST_TASK_MS = 100; // of the longest task while the grid scrolls
-const LEAST_FRAMES = 8; // drawn in a second, of at most 20: browser and server share the cores
+const MOST_BUSY = 0.3; // share of each second
+const MOST_GROWTH = 0.1; // relative to the memory after garbage collection
+const MOST_TASK_MS = 100; // longest task while the grid scrolls
+const LEAST_FRAMES = 8; // per second, of at most 20: browser and server share the cores
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-/** Figures of a page: of its main thread, and of the memory of its process with its worker. */
+/** Measurements of a page: main-thread time, and memory of its process including the worker. */
 class Gauge {
   static async of(browser, page) {
     const gauge = new Gauge();
     gauge.session = await page.context().newCDPSession(page);
     gauge.system = await browser.newBrowserCDPSession();
-    // In time of the thread: other processes keep this machine busy, too.
+    // Thread time, because other processes use this machine, too.
     await gauge.session.send("Performance.enable", { timeDomain: "threadTicks" });
     await gauge.session.send("HeapProfiler.enable");
     gauge.session.on("Target.attachedToTarget", ({ sessionId }) => { gauge.worker = sessionId; });
@@ -38,12 +38,12 @@ class Gauge {
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   }
 
-  /** What is used once page and worker have collected their garbage. */
+  /** Return the memory in use after garbage collection in page and worker. */
   async used() {
     const message = JSON.stringify({ id: 1, method: "HeapProfiler.collectGarbage" });
     await this.session.send("Target.sendMessageToTarget", { sessionId: this.worker, message });
     await this.session.send("HeapProfiler.collectGarbage");
-    await pause(1000); // the worker collects by itself
+    await pause(1000); // The worker collects its garbage on its own.
     const { JSHeapUsedSize: heap, Nodes: nodes } = await this.metrics();
     const { processInfo } = await this.system.send("SystemInfo.getProcessInfo");
     const sizes = await Promise.all(processInfo.filter(({ type }) => type === "renderer").map(
@@ -53,7 +53,7 @@ class Gauge {
   }
 }
 
-/** Measure a page for some seconds; return how often its live plots are drawn in a second. */
+/** Measure a page for some seconds; return how often its live plots are drawn per second. */
 async function measure(gauge, page, name, seconds) {
   const drawn = () => page.evaluate(() => globalThis.drawn ?? 0);
   const before = await gauge.used();
@@ -101,7 +101,7 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
       location.hash = "#/actuator/%2Fema/left_outboard_flap/telemetry";
     });
     await page.locator("[aria-labelledby=live]").scrollIntoViewIfNeeded();
-    await pause(5000 + (SECONDS >= LONG_S ? 25_000 : 0)); // until what is kept has its size
+    await pause(5000 + (SECONDS >= LONG_S ? 25_000 : 0)); // until the buffers are full
     const rate = await measure(gauge, page, "live plots", SECONDS);
     assert.ok(rate >= LEAST_FRAMES && rate <= 21, `${rate} drawings a second`);
   } finally {
@@ -110,7 +110,7 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   }
 });
 
-test(`60 joints for ${SECONDS} s leave the main thread free, while the grid scrolls, too`, async () => {
+test(`60 joints for ${SECONDS} s leave the main thread free, also while the grid scrolls`, async () => {
   const stage = await Stage.open("--actuators", 0, "--joints", 60, "--period", 5);
   const browser = await browse();
   try {
@@ -121,13 +121,13 @@ test(`60 joints for ${SECONDS} s leave the main thread free, while the grid scro
       await page.goto(stage.address);
       await until("60 joints", async () => (await page.locator(".joint").count()) === 60 &&
         (await page.locator(".joint .sparkline").count()) === 57, 60_000);
-      // A record of each joint every 5 s: twelve times as many as a monitor analyses at most.
+      // A record per joint every 5 s: twelve times the highest rate of a monitor.
       await stage.source.order({ do: "run", period: 5 });
       await pause(2000);
       await measure(gauge, page, name, SECONDS / 2);
       const longest = await page.evaluate((ms) => new Promise((resolve) => {
         const tasks = [0];
-        new PerformanceObserver((list) => tasks.push(...list.getEntries().map((one) => one.duration)))
+        new PerformanceObserver((list) => tasks.push(...list.getEntries().map((entry) => entry.duration)))
           .observe({ entryTypes: ["longtask"] });
         const start = performance.now();
         const height = document.documentElement.scrollHeight - innerHeight;

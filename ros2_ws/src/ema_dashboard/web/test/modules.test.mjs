@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page computes, without a browser.
+// Computations of the page, without a browser.
 
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
@@ -17,7 +17,7 @@ const joints = await load("joints.ts");
 const { FrictionRecord } = await load("friction_trend.ts");
 const { picture } = await load("friction_curve.ts");
 
-test("a value has the digits that its sigma leaves", () => {
+test("a value is rounded according to its sigma", () => {
   assert.equal(format.withSigma(0.24893, 0.0018), "0.2489 ± 0.0018");
   assert.equal(format.withSigma(0.24893, 0.0042), "0.249 ± 0.004");
   assert.equal(format.withSigma(16.42, 0.33), "16.4 ± 0.3");
@@ -27,7 +27,7 @@ test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(NaN, 0.1), "–");
 });
 
-test("a record is a row for each quantity, in the words of the commands", () => {
+test("a record has a row per quantity, with the texts of the commands", () => {
   const of = (more) => rowsOf([{
     name: "friction", judgement: 1, change: 0.152, low: 0.112, high: 0.192, smallest_change: 0.06,
     unit: "-", reason: "", rivals: [], ...more,
@@ -42,7 +42,7 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   const hidden = of({ judgement: 2, change: -0.18, reason: "one direction only",
     rivals: ["torque_per_ampere"] });
   assert.equal(hidden.judgement, "not judged (one direction only)");
-  // Its figures may be those of the rival; those of a doubtful change are its own.
+  // Its values may be due to the rival; the values of a doubtful change are its own.
   assert.deepEqual([hidden.change, hidden.interval], ["", ""]);
   const doubtful = of({ judgement: 2, change: 0.152, reason: "not certain" });
   assert.deepEqual([doubtful.change, doubtful.interval], ["+15.2 %", "+11.2 to +19.2 %"]);
@@ -59,7 +59,7 @@ const quantity = (more) => ({
   unit: "-", reason: "", rivals: [], ...more,
 });
 
-test("joints are grouped by robot, the worst first between robots and within", () => {
+test("joints are grouped by robot, and robots and joints are sorted from worst to best", () => {
   const ranks = { "a/1": 3, "a/2": 1, "a/10": 3, "b/1": 0, "b/2": 3, lone: 2.7, "c/x/1": 1, "c/x/2": 1 };
   const all = Object.keys(ranks).map((id) => ({ namespace: "/ema", id, key: `/ema/${id}`, serial: "" }));
   const robots = joints.robotsOf(all, ({ id }) => ranks[id]);
@@ -81,7 +81,7 @@ test("joints are grouped by robot, the worst first between robots and within", (
   assert.deepEqual(joints.namesOf("elbow"), { robot: "", joint: "elbow" });
 });
 
-test("a joint shows its friction, what else changed and its temperature", () => {
+test("a joint shows its friction, other changes and its temperature", () => {
   const usable = {
     quantities: [quantity({}), quantity({ name: "play", change: 0.002, unit: "rad" }),
       quantity({ name: "inertia", judgement: 0 })],
@@ -98,7 +98,7 @@ test("a joint shows its friction, what else changed and its temperature", () => 
   assert.equal(joints.isJoint({ baseline: {} }), true);
 });
 
-test("the progress of learning is in words, with what is known", () => {
+test("the progress of learning is a text with the available values", () => {
   const of = (more) => ({ state: 0, records: 4, records_needed: 0, days: 1,
     detectable_same_day: NaN, detectable_other_day: NaN, ...more });
   assert.equal(joints.countsText(of({})), "4 records on 1 day");
@@ -139,7 +139,7 @@ test("the friction trend follows a history: replaced, extended, and cut at a see
   assert.ok(change.every((value, i) => !i || value > change[i - 1]));
 });
 
-test("friction over speed has no line between the directions, and counts what lies outside the band", () => {
+test("friction over speed has no line between the directions, and counts speeds outside the band", () => {
   const { columns, covered, judged, outside } = picture({
     speed: Float64Array.of(-2, -1, 1, 2), healthy_low: Float64Array.of(-1.1, -1.1, 0.9, NaN),
     healthy_high: Float64Array.of(-0.9, -0.9, 1.1, NaN), latest: Float64Array.of(NaN, -1.5, 1, 1.2),
@@ -153,7 +153,7 @@ test("friction over speed has no line between the directions, and counts what li
   assert.deepEqual([covered, judged, outside], [3, 2, 1]);
 });
 
-test("an unknown drive has the faults of its records, and the effort that was recorded", () => {
+test("an unknown drive has the faults of its records and the recorded effort", () => {
   const of = (more) => ({ drive: 2, effort_kind: 0, torque_constant: 1, gear_ratio: 1, lead: 0, ...more });
   const shown = (unit) => faults.ASSESSED.map(({ name }) => name).filter((name) => faults.isShown(name, unit));
   assert.deepEqual(shown(of({})), ["friction", "backlash"]);
@@ -168,7 +168,7 @@ test("an unknown drive has the faults of its records, and the effort that was re
   assert.ok(Math.abs(force.scale - (2 * Math.PI) / 0.005) < 1e-9);
 });
 
-test("faults of a linear actuator are in N and mm, too", () => {
+test("faults of a linear actuator are also in N and mm", () => {
   const screw = {
     lead: 0.005, gear_ratio: 0.1, backlash: 0.08 * Math.PI, drive: 0,
     motor_static_friction: 0, user_static_friction: (200 * 0.0005) / (2 * Math.PI),
@@ -180,7 +180,7 @@ test("faults of a linear actuator are in N and mm, too", () => {
   assert.match(of("friction", 0.25, { ...screw, lead: 0 }), /× nominal$/);
 });
 
-test("hours of a life are rounded to what its interval leaves", () => {
+test("hours of a life are rounded according to their interval", () => {
   const life = { hours_05: 1012.3, hours_50: 1623.7, hours_95: 2717.9 };
   assert.equal(format.lifeHours(life.hours_50, life), "1,620");
   const short = { hours_05: 3.21, hours_50: 5.43, hours_95: 8.76 };
@@ -188,7 +188,7 @@ test("hours of a life are rounded to what its interval leaves", () => {
   assert.equal(format.lifeHours(Infinity, life), "∞");
 });
 
-test("durations are told in their two largest units", () => {
+test("durations are shown in their two largest units", () => {
   assert.deepEqual(
     [0.4, 59, 61, 3600 * 2 + 300, 86_400 * 3 + 3600 * 4].map(format.duration),
     ["0 s", "59 s", "1 min 1 s", "2 h 5 min", "3 d 4 h"],
@@ -204,7 +204,7 @@ function block(start, values, first = 0n, period = 0.01) {
   };
 }
 
-test("thinned telemetry keeps the least and largest value of each slot, and gaps", () => {
+test("thinned telemetry keeps the smallest and largest value of each slot, and gaps", () => {
   const telemetry = new Telemetry();
   const values = Array.from({ length: 100 }, (_, i) => Math.sin(i));
   values[41] = 50;
@@ -212,30 +212,30 @@ test("thinned telemetry keeps the least and largest value of each slot, and gaps
   telemetry.add(block(1000, values, 0n, 0.001));
   telemetry.add(block(1000.5, values, 500n, 0.001));
   const { time, values: { current } } = telemetry.signals();
-  const known = [...current].filter((value) => !Number.isNaN(value));
-  assert.equal(Math.max(...known), 50);
-  assert.equal(Math.min(...known), -70);
-  // 0.1 s of samples, 0.4 s of a gap, 0.1 s of samples: 12 slots of 20 ms at most have values.
-  assert.ok(known.length <= 24 && known.length >= 20, String(known.length));
+  const finite = [...current].filter((value) => !Number.isNaN(value));
+  assert.equal(Math.max(...finite), 50);
+  assert.equal(Math.min(...finite), -70);
+  // 0.1 s of samples, a gap of 0.4 s, 0.1 s of samples: at most 12 slots of 20 ms have values.
+  assert.ok(finite.length <= 24 && finite.length >= 20, String(finite.length));
   assert.ok(time.at(-1) <= 0.02 && time[0] >= -10.02);
 });
 
-test("telemetry without current or speed shows the rest of it", () => {
+test("telemetry without current or speed shows the other columns", () => {
   const telemetry = new Telemetry();
   telemetry.add({ ...block(1000, [5, 6, 7]), current: new Float64Array(), speed: new Float64Array() });
   assert.ok(!telemetry.isEmpty);
   const { values } = telemetry.signals();
-  const known = (column) => [...column].filter((value) => !Number.isNaN(value)).length;
-  assert.deepEqual([values.current, values.speed].map(known), [0, 0]);
-  assert.ok(known(values.position) > 0);
+  const countFinite = (column) => [...column].filter((value) => !Number.isNaN(value)).length;
+  assert.deepEqual([values.current, values.speed].map(countFinite), [0, 0]);
+  assert.ok(countFinite(values.position) > 0);
 });
 
-test("telemetry that goes back in time starts anew", () => {
+test("telemetry that goes back in time replaces the earlier one", () => {
   const telemetry = new Telemetry();
   telemetry.add(block(1000, [5, 5, 5]));
   telemetry.add(block(900, [1, 1, 1]));
-  const known = [...telemetry.signals().values.current].filter((value) => !Number.isNaN(value));
-  assert.deepEqual([...new Set(known)], [1]);
+  const finite = [...telemetry.signals().values.current].filter((value) => !Number.isNaN(value));
+  assert.deepEqual([...new Set(finite)], [1]);
 });
 
 function base(...secs) {
@@ -249,7 +249,7 @@ function base(...secs) {
   };
 }
 
-test("tests that are added follow those that the node sent, each once", () => {
+test("added tests follow those sent by the node, each once", () => {
   const record = new UnitRecord();
   record.replace(() => base(100, 200));
   record.add(base(200));
@@ -265,7 +265,7 @@ test("tests that are added follow those that the node sent, each once", () => {
   assert.deepEqual([...record.columns().hours], [40]);
 });
 
-test("after a seek nothing is kept that is later than the position", () => {
+test("a seek discards everything later than the position", () => {
   const record = new UnitRecord();
   record.replace(() => base(100, 200, 300));
   record.forgetAfter(250);
@@ -273,13 +273,13 @@ test("after a seek nothing is kept that is later than the position", () => {
 });
 
 test("an event is shown once, with the kind and text of the node", () => {
-  const told = (sec, kind, text) => ({ stamp: { sec, nanosec: 5 }, flight_hours: 1, kind, text });
+  const event = (sec, kind, text) => ({ stamp: { sec, nanosec: 5 }, flight_hours: 1, kind, text });
   const record = new UnitRecord();
-  const known = base(100, 200);
-  known.events.push(told(200, "step", "friction rose"));
-  record.replace(() => known);
-  const gap = told(300, "gap", "5 samples of telemetry missing");
-  record.add({ ...base(), events: [gap, told(200, "step", "friction rose")] });
+  const stored = base(100, 200);
+  stored.events.push(event(200, "step", "friction rose"));
+  record.replace(() => stored);
+  const gap = event(300, "gap", "5 samples of telemetry missing");
+  record.add({ ...base(), events: [gap, event(200, "step", "friction rose")] });
   assert.deepEqual(record.columns().events.map(({ kind, text }) => [kind, text]),
     [["step", "friction rose"], ["gap", "5 samples of telemetry missing"]]);
 });
@@ -293,7 +293,7 @@ test("the actuator of a message is read without decoding it", () => {
   assert.equal(actuatorOf(view(bytes.slice(0, 8))), undefined);
 });
 
-test("no level is known while the dashboard is not heard, until it is heard again", () => {
+test("levels are unknown while the dashboard is silent", () => {
   mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
   globalThis.requestAnimationFrame = () => {};
   const state = new State(() => {});
@@ -318,19 +318,19 @@ test("no level is known while the dashboard is not heard, until it is heard agai
   mock.timers.reset();
 });
 
-test("an alarm of a monitor that is not heard any more stays, marked as old", () => {
+test("an alarm of a silent monitor stays, marked as old", () => {
   const now = (...of) => { const { word, name, isOld } = levelNow(...of); return [word, name, isOld]; };
   assert.deepEqual(now(2, 2), ["ERROR", "error", undefined]);
   assert.deepEqual(now(3, 2), ["ERROR, old", "error", true]); // the monitor is silent
   assert.deepEqual(now(2, 2, true), ["ERROR, old", "error", true]); // the dashboard is
   assert.deepEqual(now(3, 1), ["WARN, old", "warn", true]);
-  // Nothing is said to be well that nobody knows.
+  // An unknown level is never shown as OK.
   assert.deepEqual(now(0, 0, true), ["STALE", "stale", undefined]);
   assert.deepEqual(now(3, 0), ["STALE", "stale", undefined]);
   assert.deepEqual(now(3, 3), ["STALE", "stale", undefined]);
 });
 
-test("tests that a monitor has lost are told until it has as many again, however they are counted", () => {
+test("tests that a monitor has lost are reported until it has as many again, with any counting", () => {
   const event = (kind, text) => ({ kind, text, stamp: { sec: 50, nanosec: 0 } });
   const anew = event("history", "the monitor started a new history, without 3 earlier tests");
   const words = (events, ...stamp) => begunAnew({ events, stamp: Float64Array.from(stamp) });
@@ -339,7 +339,7 @@ test("tests that a monitor has lost are told until it has as many again, however
   assert.equal(words([event("history", "the file is damaged")], 10), "");
 });
 
-test("a status is of the actuator of its own namespace", () => {
+test("a status belongs to the actuator in its namespace", () => {
   const flap = { namespace: "/left", id: "flap" };
   const status = (name, hardware_id) => ({ name, hardware_id, level: 0, message: "", values: [] });
   assert.ok(isOf(flap, status("/left/monitor: flap health", "/left/flap")));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An origin for the tests: the shipped page, and the WebSocket of a server behind it, on one port.
-// It can be cut off, refuse, and count what the page loads.
+// A web server for the tests: the shipped page and the WebSocket of a backend, on one port.
+// It can disconnect, refuse requests, and count what the page loads.
 
 import { readFile } from "node:fs/promises";
 import { createServer, request as ask } from "node:http";
@@ -15,17 +15,17 @@ const TYPES = {
   ".css": "text/css; charset=utf-8",
   ".svg": "image/svg+xml",
 };
-// The strictest policy that the page needs; that of the dashboard node must not be stricter.
+// The strictest policy with which the page works; that of the dashboard node must not be stricter.
 const POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; " +
   "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'";
 
 export class Origin {
-  backend = 0; // port of the server behind
-  refuses = 0; // status with which everything is refused
-  reason = ""; // why
-  isDown = false; // whether nothing answers
-  fleet = { archive: null }; // summary of an archive; a string is the reason why there is none
-  holds = false; // whether connections are left without an answer
+  backend = 0; // port of the backend
+  refuses = 0; // HTTP status with which all requests are refused
+  reason = ""; // reason of the refusal
+  isDown = false; // whether all requests fail
+  fleet = { archive: null }; // summary of an archive, or the reason why it is missing
+  holds = false; // whether connections stay open without an answer
   #server;
   #sockets = new Set();
 
@@ -60,7 +60,7 @@ export class Origin {
     return `http://127.0.0.1:${this.#server.address().port}/`;
   }
 
-  /** End all connections of pages. */
+  /** Close all connections of pages. */
   cut() {
     for (const socket of this.#sockets) socket.destroy();
   }

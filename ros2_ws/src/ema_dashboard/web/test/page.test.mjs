@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page in a real browser, driven by a server of made-up messages.
+// The page in a real browser, driven by a server with synthetic messages.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, describe, test } from "node:test";
@@ -10,7 +10,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
 const WORN = "left_outboard_flap";
-const DEPARTED = 5; // of FaultEstimate.verdict
+const DEPARTED = 5; // value of FaultEstimate.verdict
 const addressOf = (id, part = "faults") => `#/actuator/%2Fema/${id}/${part}`;
 
 let browser;
@@ -23,10 +23,10 @@ async function open(stage, at = "", options = {}) {
   page.faults = [];
   page.asked = [];
   page.on("pageerror", (error) => page.faults.push(String(error)));
-  page.on("console", (said) => {
-    // That a connection failed is what some of the tests are about.
-    if (said.type() === "error" && !/WebSocket|Failed to load resource/.test(said.text())) {
-      page.faults.push(said.text());
+  page.on("console", (entry) => {
+    // Some tests cause failed connections on purpose.
+    if (entry.type() === "error" && !/WebSocket|Failed to load resource/.test(entry.text())) {
+      page.faults.push(entry.text());
     }
   });
   page.on("request", (request) => page.asked.push(request.url()));
@@ -48,7 +48,7 @@ describe("a fleet of nine", () => {
     stage.close();
   });
 
-  test("the fleet shows the values of the messages, the worst first", async () => {
+  test("the fleet shows the values of the messages, from worst to best", async () => {
     page = await open(stage);
     await until("nine rows with all of their messages", async () =>
       (await page.locator("tbody td.c-advice span").count()) === 9 &&
@@ -124,7 +124,7 @@ describe("a fleet of nine", () => {
     assert.ok(window.includes("3.1 %"), "the unexplained share");
   });
 
-  test("the summary fits one screen, with what is wrong in per cent, and the parts follow", async () => {
+  test("the summary fits one screen and shows faults in per cent, and the parts follow", async () => {
     const [eccentric, failed] = [addressOf(WORN, "events"), addressOf("right_outboard_flap", "events")];
     for (const [at, width, height] of [[eccentric, 1280, 800], [failed, 1280, 800],
       [eccentric, 390, 844], [failed, 390, 844]]) {
@@ -155,16 +155,16 @@ describe("a fleet of nine", () => {
     }
   });
 
-  test("plots beside each other are at one height, though a longer heading has two lines", async () => {
+  test("adjacent plots are aligned even if a heading has two lines", async () => {
     page = await open(stage, addressOf(WORN), { viewport: { width: 1440, height: 900 } });
     await page.waitForSelector(".plots.many canvas");
-    const bottoms = await page.$$eval(".plots.many figure", (figures) => figures.map((one) =>
-      one.getBoundingClientRect().bottom - one.lastElementChild.getBoundingClientRect().bottom));
+    const bottoms = await page.$$eval(".plots.many figure", (figures) => figures.map((figure) =>
+      figure.getBoundingClientRect().bottom - figure.lastElementChild.getBoundingClientRect().bottom));
     assert.equal(bottoms.length, 7);
     for (const below of bottoms) assert.ok(below < 1, `${bottoms}`);
   });
 
-  test("what is not set has no place, and a legend shows values under the cursor only", async () => {
+  test("unset values take no space, and a legend shows values only under the cursor", async () => {
     await stage.source.order({ do: "set", actuator: WORN, costs: false });
     page = await open(stage, addressOf(WORN, "test"));
     await page.waitForSelector(".removal");
@@ -187,7 +187,7 @@ describe("a fleet of nine", () => {
     await until("no advice", async () => (await page.locator(".c-advice").count()) === 0);
   });
 
-  test("figures of a status have their unit and four digits", async () => {
+  test("values of a status have their unit and four digits", async () => {
     await stage.source.order({ do: "run", period: 20 });
     page = await open(stage, addressOf(WORN, "telemetry"));
     const wide = page.locator(".quiet > summary");
@@ -199,7 +199,7 @@ describe("a fleet of nine", () => {
     assert.match(shown.replace(/\s+/g, " "), /latency 0\.1235 s/);
   });
 
-  test("history and place survive a reload", async () => {
+  test("history and the open part survive a reload", async () => {
     page = await open(stage, addressOf(WORN));
     const note = page.locator("[aria-labelledby=history] .note");
     await stage.source.order({ do: "test", actuator: WORN });
@@ -213,7 +213,7 @@ describe("a fleet of nine", () => {
     await until("events", async () => (await page.locator("ol.events li").count()) >= 6);
   });
 
-  test("a refused test is told with its reason, and the health before stays", async () => {
+  test("a refused test is shown with its reason, and the earlier health stays", async () => {
     page = await open(stage, addressOf(WORN, "events"));
     await page.waitForSelector(".why");
     const reason = "the calibration expired: calibrate the unit";
@@ -229,7 +229,7 @@ describe("a fleet of nine", () => {
       (await page.locator("ol.events").innerText()).includes(reason));
   });
 
-  test("a note on an event is sent with its name, and stays typed where it is not kept", async () => {
+  test("a note on an event is sent with its name, and stays in the form if it is refused", async () => {
     page = await open(stage, addressOf(WORN, "events"));
     const answers = [{ status: 400, body: "not today" }, { status: 204 }];
     const sent = [];
@@ -253,7 +253,7 @@ describe("a fleet of nine", () => {
     assert.ok(sec > 0);
   });
 
-  test("a test that departs is a warning with the features that make it, and an event", async () => {
+  test("a departing test is a warning with the departing figures, and an event", async () => {
     page = await open(stage, addressOf(WORN, "events"));
     await page.waitForSelector(".why");
     const reason = "current at rest +38 %, 6.1 sigma; no fault explains it";
@@ -267,7 +267,7 @@ describe("a fleet of nine", () => {
       (await page.locator("ol.events").innerText()).includes(reason));
   });
 
-  test("an estimate of ordinary motion says why there are no signals", async () => {
+  test("an estimate of ordinary motion states why there are no signals", async () => {
     page = await open(stage, addressOf(WORN, "test"));
     const section = page.locator("[aria-labelledby=window]");
     await until("signals", async () => (await section.locator("canvas").count()) > 0);
@@ -276,7 +276,7 @@ describe("a fleet of nine", () => {
     assert.equal(await section.locator("canvas").count(), 0);
   });
 
-  test("it connects again by itself when the server starts again", async () => {
+  test("it reconnects when the server restarts", async () => {
     page = await open(stage);
     await row(page, "rudder").waitFor();
     stage.origin.isDown = true;
@@ -292,7 +292,7 @@ describe("a fleet of nine", () => {
     assert.equal(await page.locator("tbody tr").count(), 9);
   });
 
-  test("a server that refuses is told from one that is gone", async () => {
+  test("a refusing server is distinguished from an unreachable one", async () => {
     stage.origin.refuses = 503;
     page = await open(stage);
     await page.waitForSelector("text=Not allowed");
@@ -310,7 +310,7 @@ describe("a fleet of nine", () => {
     await row(page, "rudder").waitFor();
   });
 
-  test("it is sorted, filtered and opened by keyboard alone", async () => {
+  test("it can be sorted, filtered and opened with the keyboard alone", async () => {
     page = await open(stage);
     await row(page, "rudder").waitFor();
     await page.keyboard.press("Tab");
@@ -329,7 +329,7 @@ describe("a fleet of nine", () => {
     await page.waitForSelector("h1:text('rudder')");
   });
 
-  test("no request leaves its origin, and nothing is kept from running by the policy", async () => {
+  test("no request leaves its origin, and the policy blocks nothing", async () => {
     await stage.source.order({ do: "run", period: 5, open: WORN });
     page = await open(stage, addressOf(WORN));
     await page.waitForSelector(".plots.many canvas");
@@ -357,7 +357,7 @@ describe("a fleet of nine", () => {
       ["actuator on a phone", addressOf(WORN), { width: 390, height: 844 }],
       ["evidence on a phone", addressOf(WORN, "evidence"), { width: 390, height: 844 }],
     ]) {
-      test(`nothing hinders access: ${name}, ${colorScheme}`, async () => {
+      test(`the page is accessible: ${name}, ${colorScheme}`, async () => {
         await stage.source.order({ do: "run", period: 20, open: WORN });
         page = await open(stage, at, { colorScheme, viewport });
         await page.waitForSelector(at ? ".summary canvas" : "table.fleet tbody tr");
@@ -367,7 +367,7 @@ describe("a fleet of nine", () => {
     }
   }
 
-  test("nothing hinders access when it is disconnected", async () => {
+  test("the disconnected page is accessible", async () => {
     page = await open(stage);
     await row(page, "rudder").waitFor();
     await stage.source.order({ do: "stop" });
@@ -377,22 +377,22 @@ describe("a fleet of nine", () => {
 });
 
 describe("without messages", () => {
-  test("a monitor without actuators is told from no monitor", async () => {
+  test("a monitor without actuators is distinguished from a missing monitor", async () => {
     const stage = await Stage.open("--actuators", 0);
     const page = await open(stage);
     await page.waitForSelector("text=No test yet");
     await page.context().close();
     stage.close();
     const bare = await Stage.open("--actuators", 0, "--without", "playback_state", "health");
-    const other = await open(bare);
-    await other.waitForSelector("text=No actuator yet");
-    await other.context().close();
+    const barePage = await open(bare);
+    await barePage.waitForSelector("text=No actuator yet");
+    await barePage.context().close();
     bare.close();
   });
 });
 
 describe("a recording that is played", () => {
-  test("pause, position and speed are asked of the player", async () => {
+  test("pause, position and speed are sent to the player", async () => {
     const stage = await Stage.open("--without");
     const play = (order) => stage.source.order({ do: "playback", status: 0, rate: 2, ...order });
     await play({ position: 100 });
@@ -414,7 +414,7 @@ describe("a recording that is played", () => {
     stage.close();
   });
 
-  test("after a seek back nothing is shown that is later than the position", async () => {
+  test("a seek back hides everything later than the position", async () => {
     const stage = await Stage.open("--without");
     const page = await open(stage);
     await row(page, "rudder").locator("text=OK").first().waitFor();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording that is played to a real monitor and dashboard drives the same page.
+// A recording played to a real monitor and dashboard drives the same page.
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
@@ -22,7 +22,7 @@ domain.close()
 `;
 const environment = { ...process.env, ROS_AUTOMATIC_DISCOVERY_RANGE: "LOCALHOST" };
 
-/** A domain that no other test uses at the same time, until it is freed. */
+/** Reserve a domain for this test until it is freed. */
 async function freeDomain() {
   const holder = spawn("python", ["-c", DOMAIN], { stdio: ["pipe", "pipe", "inherit"] });
   const [number] = await once(createInterface({ input: holder.stdout }), "line");
@@ -31,12 +31,12 @@ async function freeDomain() {
 
 function run(...words) {
   const child = spawn("ema", words, { env: environment, stdio: ["ignore", "pipe", "pipe"] });
-  const said = [];
+  const lines = [];
   for (const stream of [child.stdout, child.stderr]) {
-    createInterface({ input: stream }).on("line", (line) => said.push(line));
+    createInterface({ input: stream }).on("line", (line) => lines.push(line));
   }
   const ended = new Promise((resolve) => child.on("exit", resolve));
-  return { said, stop: () => { child.kill("SIGINT"); return ended; } };
+  return { lines, stop: () => { child.kill("SIGINT"); return ended; } };
 }
 
 test("a replayed bag drives the page as live messages do", async () => {
@@ -48,12 +48,12 @@ test("a replayed bag drives the page as live messages do", async () => {
   let player;
   try {
     const line = await until("the dashboard's address",
-      () => nodes.said.find((one) => /dashboard at http/.test(one)), 60_000);
+      () => nodes.lines.find((line) => /dashboard at http/.test(line)), 60_000);
     const page = await browser.newPage();
     const asked = [];
     const refused = [];
     page.on("request", (request) => asked.push(request.url()));
-    page.on("console", (said) => said.type() === "error" && refused.push(said.text()));
+    page.on("console", (entry) => entry.type() === "error" && refused.push(entry.text()));
     const address = /http:\S+/.exec(line)[0];
     await page.goto(address);
     await page.waitForSelector("text=/No (test|actuator) yet/");
@@ -71,7 +71,7 @@ test("a replayed bag drives the page as live messages do", async () => {
     }
     const since = page.locator(".figure", { hasText: "last test" });
     assert.match(await since.innerText(), /\d s ago/, "by the time of the recording");
-    // Again from the start, where nothing is known yet, and the player waits.
+    // Back at the start, no health is known and the player is paused.
     await until("the end", async () =>
       /ended/.test(await page.locator(".playback .bag").innerText()), 30_000);
     await page.getByLabel("Position in the recording").focus();
@@ -80,7 +80,7 @@ test("a replayed bag drives the page as live messages do", async () => {
     await page.getByRole("button", { name: "Play" }).click();
     await page.waitForSelector(".head .badge.warn", { timeout: 60_000 });
     for (const url of asked) assert.equal(new URL(url).host, new URL(address).host);
-    assert.deepEqual(refused.filter((said) => /Content Security Policy/.test(said)), []);
+    assert.deepEqual(refused.filter((text) => /Content Security Policy/.test(text)), []);
   } finally {
     await browser.close();
     await player?.stop();

@@ -13,7 +13,7 @@ import { browse } from "./stage.mjs";
 
 const SAMPLE = fileURLToPath(new URL("../../../../../bags/faulty_flap.mcap", import.meta.url));
 
-test("a report on a phone has whole captions and legible pictures, and scrolls down alone", async () => {
+test("a report on a phone has whole captions and legible pictures, and scrolls only vertically", async () => {
   const report = path.join(mkdtempSync(path.join(tmpdir(), "report-")), "report.html");
   execFileSync("ema", ["report", SAMPLE, "-o", report]);
   const browser = await browse();
@@ -22,10 +22,10 @@ test("a report on a phone has whole captions and legible pictures, and scrolls d
     await page.goto(`file://${report}`);
     assert.ok((await overflow(page)) <= 0);
     const ends = await page.locator("caption, figcaption").evaluateAll((all) =>
-      all.map((one) => one.getBoundingClientRect().right));
+      all.map((element) => element.getBoundingClientRect().right));
     assert.ok(ends.length > 4 && Math.max(...ends) <= 390, String(ends));
     const heights = await page.locator("svg text").evaluateAll((all) =>
-      all.map((one) => one.getBoundingClientRect().height));
+      all.map((element) => element.getBoundingClientRect().height));
     assert.ok(Math.min(...heights) >= 9, String(Math.min(...heights)));
   } finally {
     await browser.close();

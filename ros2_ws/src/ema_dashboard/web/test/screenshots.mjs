@@ -124,18 +124,18 @@ for (const state of STATES.filter(({ name }) => !only.length || only.includes(na
       viewport: state.view ?? DESKTOP, colorScheme, deviceScaleFactor: state.scale ?? (state.view ? 2 : 1),
     });
     const page = await context.newPage();
-    page.on("console", (said) => {
-      if (said.type() === "error" && !/WebSocket|Failed to load/.test(said.text())) {
-        console.error(`${state.name}: ${said.text()}`);
+    page.on("console", (entry) => {
+      if (entry.type() === "error" && !/WebSocket|Failed to load/.test(entry.text())) {
+        console.error(`${state.name}: ${entry.text()}`);
       }
     });
     page.on("pageerror", (error) => console.error(`${state.name}: ${error}`));
     await page.goto(stage.address + (state.at ?? ""));
     await state.ready(page, stage);
     await page.waitForTimeout(500); // fonts and the plots' first drawing
-    // A picture of the whole page has what is out of sight, too.
+    // A picture of the whole page includes elements outside the viewport.
     await page.$$eval(".joint, .fleet tbody tr", (all, isFull) => {
-      for (const one of all) if (isFull) one.style.contentVisibility = "visible";
+      for (const element of all) if (isFull) element.style.contentVisibility = "visible";
     }, state.full ?? false);
     await page.evaluate(() => scrollTo(0, 0));
     await page.waitForTimeout(200);

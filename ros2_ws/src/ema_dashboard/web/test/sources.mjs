@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Modules of the page for tests in Node, which does not read TypeScript in all its versions.
+// Load modules of the page in Node, not all versions of which read TypeScript.
 
 import { build } from "esbuild";
 import { fileURLToPath } from "node:url";

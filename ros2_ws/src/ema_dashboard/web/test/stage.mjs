@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests and the screenshots run on: a server of made-up messages, an origin, a browser.
+// Environment of the tests and screenshots: synthetic messages, a web server and a browser.
 
 import { execFileSync, spawn } from "node:child_process";
 import { createInterface } from "node:readline";
@@ -9,7 +9,7 @@ import { Origin } from "./origin.mjs";
 
 const SERVER = fileURLToPath(new URL("../../../../../tests/web/synthetic_server.py", import.meta.url));
 
-/** The process of synthetic_server.py, which answers each order. */
+/** The process of synthetic_server.py, which answers each command. */
 export class Source {
   #process;
   #answers = [];
@@ -45,20 +45,20 @@ function browserPath() {
     try {
       return execFileSync("sh", ["-c", `command -v ${name}`], { encoding: "utf8" }).trim();
     } catch {
-      // the next one
+      // Try the next name.
     }
   }
   throw new Error("no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it");
 }
 
-/** Headless Chromium, as the system has it. */
+/** Start the headless Chromium of the system. */
 export function browse() {
-  // The sandbox needs user namespaces, which containers do not have; only our own page is opened.
+  // The sandbox needs user namespaces, which containers lack; only the shipped page is opened.
   const args = ["--no-sandbox", "--disable-dev-shm-usage", "--enable-precise-memory-info"];
   return chromium.launch({ executablePath: browserPath(), args });
 }
 
-/** Source, origin and address of a fleet. */
+/** Message source, web server and address of a fleet. */
 export class Stage {
   static async open(...options) {
     const stage = new Stage();
@@ -79,7 +79,7 @@ export class Stage {
   }
 }
 
-/** Wait until a function of the test, asynchronous or not, returns something true. */
+/** Wait until a function of the test, which may be asynchronous, returns a true value. */
 export async function until(claim, check, limit_ms = 15_000) {
   const end = performance.now() + limit_ms;
   let last;
