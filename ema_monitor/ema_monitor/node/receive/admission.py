@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any, Final
 
 from ema_core.description import check_name
@@ -18,11 +19,30 @@ from ema_ros.node_parameters import LiveSettings
 _MOST_NAMED: Final = 3
 _MOST_MEASURED: Final = 1000
 _MEASURED_S: Final = 60.0
-_UNNAMED: Final = "messages without actuator_id"
-_UNKNOWN: Final = "malformed messages of actuators that are not monitored"
-_OTHER_SHARDS: Final = "messages of other shards"
-_NOT_LISTED: Final = "messages of unlisted actuators"
-_REFUSED: Final = "messages of actuators beyond the limit"
+
+
+class _Ignored(Enum):
+    """Why a message is ignored."""
+
+    UNNAMED = auto()
+    """It has no ``actuator_id``."""
+    UNKNOWN = auto()
+    """It is malformed, and its actuator is not monitored."""
+    OTHER_SHARD = auto()
+    """Its actuator belongs to another shard."""
+    NOT_LISTED = auto()
+    """Its actuator is not listed."""
+    BEYOND_LIMIT = auto()
+    """Its actuator exceeds the limit ``most_actuators``."""
+
+
+_TEXTS: Final = {
+    _Ignored.UNNAMED: "messages without actuator_id",
+    _Ignored.UNKNOWN: "malformed messages of actuators that are not monitored",
+    _Ignored.OTHER_SHARD: "messages of other shards",
+    _Ignored.NOT_LISTED: "messages of unlisted actuators",
+    _Ignored.BEYOND_LIMIT: "messages of actuators beyond the limit",
+}
 
 
 def shard_of(actuator_id: str, count: int, listed: Collection[str] = ()) -> int:
@@ -109,9 +129,9 @@ class Admission:
         self._all_listed = selection.actuators
         self._shard = shard
         self._operation = operation
-        self._counts: Counter[str] = Counter()
+        self._counts: Counter[_Ignored] = Counter()
         # The latest malformed and refused messages of unmonitored actuators, by kind.
-        self._latest: dict[str, str] = {}
+        self._latest: dict[_Ignored, str] = {}
         # Steady times of the latest measured causes by actuator, monitored or not [s].
         self._measured: dict[str, float] = {}
 
@@ -135,25 +155,25 @@ class Admission:
     def why_not(self, actuator_id: str) -> str:
         """Return why this monitor ignores an actuator; empty if the actuator may be monitored."""
         kind = self._kind(actuator_id)
-        if kind == _OTHER_SHARDS:
+        if kind is _Ignored.OTHER_SHARD:
             shard = shard_of(actuator_id, self._shard.count, self._all_listed)
             return f"it belongs to shard {shard}, this monitor has {self._shard}"
-        return "it is not listed in the parameter actuators" if kind == _NOT_LISTED else ""
+        return "" if kind is None else "it is not listed in the parameter actuators"
 
     def ignores(self, actuator_id: str) -> bool:
         """Return whether the messages of an actuator are ignored; count the message if so."""
         kind = self._kind(actuator_id)
-        if kind:
+        if kind is not None:
             self._counts[kind] += 1
-        return bool(kind)
+        return kind is not None
 
-    def _kind(self, actuator_id: str) -> str:
-        """Return why messages of an actuator are ignored; empty if they are accepted."""
+    def _kind(self, actuator_id: str) -> _Ignored | None:
+        """Return why messages of an actuator are ignored; None if they are accepted."""
         if actuator_id in self._all_listed:
-            return "" if actuator_id in self.listed else _OTHER_SHARDS
+            return None if actuator_id in self.listed else _Ignored.OTHER_SHARD
         if self._all_listed:
-            return _NOT_LISTED
-        return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
+            return _Ignored.NOT_LISTED
+        return None if self._shard.has(actuator_id) else _Ignored.OTHER_SHARD
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
         """Return why one more actuator is refused; None if it may be monitored.
@@ -163,13 +183,13 @@ class Admission:
         limit = self._operation.value.most_actuators
         if len(followed) < limit:
             return None
-        self._count(_REFUSED, repr(actuator_id))
-        is_first = self._counts[_REFUSED] == 1
+        self._count(_Ignored.BEYOND_LIMIT, repr(actuator_id))
+        is_first = self._counts[_Ignored.BEYOND_LIMIT] == 1
         return f"not monitored: the limit most_actuators = {limit} is reached" if is_first else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
         """Count a malformed message of an unmonitored actuator. Return whether it is the first."""
-        kind = _UNKNOWN if actuator_id else _UNNAMED
+        kind = _Ignored.UNKNOWN if actuator_id else _Ignored.UNNAMED
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
@@ -178,7 +198,7 @@ class Admission:
 
         Only the status of its shard names the actuator.
         """
-        if self._kind(actuator_id) == _OTHER_SHARDS:
+        if self._kind(actuator_id) is _Ignored.OTHER_SHARD:
             return
         with suppress(ValueError):
             check_name("actuator_id", actuator_id)
@@ -209,11 +229,11 @@ class Admission:
             Whether any actuator sends telemetry.
         """
         remarks = []
-        if not followed and not self._counts[_OTHER_SHARDS]:
+        if not followed and not self._counts[_Ignored.OTHER_SHARD]:
             remarks.append("no message from an actuator so far")
         remarks += [
-            f"ignored: {self._counts[kind]} {kind}, the latest of {self._latest[kind]}"
-            for kind in (_UNNAMED, _UNKNOWN, _REFUSED)
+            f"ignored: {self._counts[kind]} {_TEXTS[kind]}, the latest of {self._latest[kind]}"
+            for kind in (_Ignored.UNNAMED, _Ignored.UNKNOWN, _Ignored.BEYOND_LIMIT)
             if self._counts[kind]
         ]
         if unused := [
@@ -238,9 +258,12 @@ class Admission:
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),
             "most actuators": self._operation.value.most_actuators,
-            **{kind: self._counts[kind] for kind in (_REFUSED, _NOT_LISTED, _OTHER_SHARDS)},
+            **{
+                _TEXTS[kind]: self._counts[kind]
+                for kind in (_Ignored.BEYOND_LIMIT, _Ignored.NOT_LISTED, _Ignored.OTHER_SHARD)
+            },
         }
 
-    def _count(self, kind: str, latest: str) -> None:
+    def _count(self, kind: _Ignored, latest: str) -> None:
         self._counts[kind] += 1
         self._latest[kind] = latest
