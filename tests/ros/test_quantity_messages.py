@@ -29,14 +29,14 @@ def received(name: str) -> FaultEstimate:
 def test_quantities_survive_the_wire(name: str):
     log = DiagnosisLog()
     log.add(ESTIMATE_TYPE, received(name), END_NS)
-    [one] = log.diagnoses()
+    [diagnosis] = log.diagnoses()
     # A message has the sentence of a reason only.
     sent = [
         replace(item, reasons=(StatedReason(item.reason),) if item.reason else ())
         for item in CASES[name].quantities
     ]
     # NaN differs from NaN, but their texts are equal.
-    assert repr(one.quantities) == repr(tuple(sent))
+    assert repr(diagnosis.quantities) == repr(tuple(sent))
 
 
 def test_judgements_have_the_constants_of_the_message():
