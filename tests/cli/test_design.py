@@ -12,7 +12,7 @@ from ema_core.commands import Command
 RESOLUTIONS = ("current=0.005", "position=1e-6", "speed=0.05")
 NOISE = (
     *("--current-noise", "0.02"),
-    *(word for one in RESOLUTIONS for word in ("-p", f"resolution.{one}")),
+    *(word for value in RESOLUTIONS for word in ("-p", f"resolution.{value}")),
 )
 
 

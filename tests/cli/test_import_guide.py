@@ -27,7 +27,7 @@ SET = [
     *("command.lead=0.005", "current.source=current_a", "current.kind=magnitude"),
     "clock.source=time_s",
 ]
-SET_OPTIONS = [word for one in SET for word in ("--set", one)]
+SET_OPTIONS = [word for answer in SET for word in ("--set", answer)]
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from ema_monitor.plot import plot_fit
 
 FAULTS = {"friction": 0.2, "short_circuit_b": 0.1}
 FIGURES = ("amplitude=0.008", "rate=0.3", "duration=4", "seed=3")
-MOVES = ("--command", "moves", *(word for one in FIGURES for word in ("-p", f"command.{one}")))
+MOVES = ("--command", "moves", *(word for value in FIGURES for word in ("-p", f"command.{value}")))
 
 OPTIONS = ("--any-motion", "-p", "wanted_sigma=0.02")
 

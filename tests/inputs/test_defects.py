@@ -20,7 +20,7 @@ RPM = 60.0 / (2.0 * np.pi)
 
 
 @pytest.fixture
-def found(telemetry, columns, mapped):
+def defects_of(telemetry, columns, mapped):
     """Return a function that finds defects of a cycle with scaled or replaced columns."""
 
     def find(mapping=None, **changes):
@@ -34,8 +34,8 @@ def found(telemetry, columns, mapped):
     return find
 
 
-def test_correct_columns_have_no_defects(found):
-    assert found() == []
+def test_correct_columns_have_no_defects(defects_of):
+    assert defects_of() == []
 
 
 @pytest.mark.parametrize(
@@ -67,43 +67,43 @@ def test_correct_columns_have_no_defects(found):
         ({"position": np.nan}, "not_finite", "in 1700 of 1700", "choose another source"),
     ],
 )
-def test_defect_is_named_with_value_and_remedy(found, changes, name, value, remedy):
-    [defect] = found(**changes)
+def test_defect_is_named_with_value_and_remedy(defects_of, changes, name, value, remedy):
+    [defect] = defects_of(**changes)
     assert (defect.name, defect.is_error) == (name, True)
     assert value in defect.text
     assert remedy in defect.remedy
 
 
-def test_position_and_command_both_in_degrees_are_named_by_the_speed(found):
-    names = {item.name for item in found(position=57.29578, command=57.29578)}
+def test_position_and_command_both_in_degrees_are_named_by_the_speed(defects_of):
+    names = {item.name for item in defects_of(position=57.29578, command=57.29578)}
     assert names == {"position_unit", "command_unit"}
 
 
-def test_degrees_beyond_the_end_stop_are_named_without_a_speed(found, mapped):
+def test_degrees_beyond_the_end_stop_are_named_without_a_speed(defects_of, mapped):
     mapping = mapped(speed=None)
     far = {"position": 57.29578 * 10, "command": 57.29578 * 10, "speed": lambda x: np.empty(0)}
-    assert {item.name for item in found(mapping, **far)} == {"position_unit", "command_unit"}
+    assert {item.name for item in defects_of(mapping, **far)} == {"position_unit", "command_unit"}
 
 
-def test_remedy_refers_to_the_mapping_in_use(found, mapped):
+def test_remedy_refers_to_the_mapping_in_use(defects_of, mapped):
     mapping = mapped(position={"source": "p", "sign": -1})
-    [defect] = found(mapping, position=-1)
+    [defect] = defects_of(mapping, position=-1)
     assert defect.remedy == "position: {sign: 1}"
 
 
-def test_accepted_defect_does_not_forbid_estimates(found, mapped):
-    defects = found(current=0.0)
+def test_accepted_defect_does_not_forbid_estimates(defects_of, mapped):
+    defects = defects_of(current=0.0)
     assert refused(defects, mapped())
     assert refused(defects, mapped(accept=["current_zero"])) == []
 
 
-def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(found, mapped):
-    [defect] = found(mapped(position={"source": "p", "shaft": "motor"}))
+def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(defects_of, mapped):
+    [defect] = defects_of(mapped(position={"source": "p", "shaft": "motor"}))
     assert (defect.name, defect.is_error) == ("position_at_motor", False)
 
 
-def test_current_kind_that_contradicts_the_drive_is_named(found, mapped):
-    [defect] = found(mapped(current={"source": "i", "kind": "i_q"}))
+def test_current_kind_that_contradicts_the_drive_is_named(defects_of, mapped):
+    [defect] = defects_of(mapped(current={"source": "i", "kind": "i_q"}))
     assert (defect.name, defect.is_error) == ("drive_of_i_q", True)
     assert "drive: field_oriented in the description" in defect.remedy
 
@@ -153,18 +153,18 @@ def test_no_fault_or_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapp
                 columns["speed"] = np.empty(0)
             mapping = mapped(**({} if with_speed else {"speed": None}))
             stamps_ns = cycle.stamps_ns[::step]
-            found = find_defects(columns, stamps_ns, mapping, described(1000 // step))
-            assert found == [], (faults, causes)
+            defects = find_defects(columns, stamps_ns, mapping, described(1000 // step))
+            assert defects == [], (faults, causes)
 
 
 def test_losses_and_wrong_stamps_are_named_with_their_number():
     losses = Losses(samples=1000, lost=3, gaps=2, filled=5, jumps=1, repeated=4)
-    found = {item.name: item for item in stream_defects(losses, 6)}
-    assert "3 samples of 1003 missing in 2 gaps" in found["lost_samples"].text
-    assert "5 lost samples interpolated linearly" in found["filled_samples"].text
-    assert "decreases 1 time and repeats 4 times" in found["time_not_monotonic"].text
-    assert "6 stamps of 1000 reconstructed" in found["stamps_rebuilt"].text
-    assert not any(item.is_error for item in found.values())
+    defects = {item.name: item for item in stream_defects(losses, 6)}
+    assert "3 samples of 1003 missing in 2 gaps" in defects["lost_samples"].text
+    assert "5 lost samples interpolated linearly" in defects["filled_samples"].text
+    assert "decreases 1 time and repeats 4 times" in defects["time_not_monotonic"].text
+    assert "6 stamps of 1000 reconstructed" in defects["stamps_rebuilt"].text
+    assert not any(item.is_error for item in defects.values())
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
     assert mostly.is_error
     assert "reconstructs the stamps" in mostly.remedy

@@ -18,7 +18,7 @@ from .joint_motion import START_NS, TAU, joint, moves
 RPM = 60.0 / (2.0 * np.pi)
 
 
-def found(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
+def defects_of(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
     columns, stamps = moves(seconds, rate_hz)
     for name, change in changes.items():
         columns[name] = columns[name] * change
@@ -26,12 +26,12 @@ def found(mapping, changes: dict[str, Any], *, seconds=12.0, rate_hz=200.0):
 
 
 def test_lagging_joint_has_no_defect(mapped):
-    assert found(mapped(), {}) == []
+    assert defects_of(mapped(), {}) == []
 
 
 @pytest.mark.parametrize("factor", [0.6, 0.9, 0.956, 1.05, 1.6])
 def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, factor):
-    [defect] = found(mapped(), {"speed": factor})
+    [defect] = defects_of(mapped(), {"speed": factor})
     assert (defect.name, defect.is_error) == ("speed_ratio", False)
     assert f"the speed is {factor:.3g} times the derivative of the position over" in defect.text
     assert "strokes: elasticity, lag or sampling" in defect.text
@@ -40,7 +40,7 @@ def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, facto
 
 @pytest.mark.parametrize("factor", [0.3, 2.7, 22.0])
 def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
-    [defect] = found(mapped(), {"speed": factor})
+    [defect] = defects_of(mapped(), {"speed": factor})
     assert (defect.name, defect.is_error) == ("speed_ratio", False)
     assert "no unit, sign or shaft explains it" in defect.text
 
@@ -65,7 +65,7 @@ def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
 def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
     mapped, changes, name, remedy
 ):
-    [defect] = found(mapped(), changes)
+    [defect] = defects_of(mapped(), changes)
     assert (defect.name, defect.is_error, defect.is_certain) == (name, True, True)
     assert remedy in defect.remedy
 
@@ -79,14 +79,14 @@ def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
     ],
 )
 def test_product_of_two_units_is_named_with_both(mapped, factor, names):
-    defects = found(mapped(), {"speed": factor})
+    defects = defects_of(mapped(), {"speed": factor})
     assert {item.name for item in defects} == names
     assert all(item.is_error for item in defects)
 
 
 def test_unit_of_one_stroke_is_an_error_that_does_not_withhold_yet(mapped):
     mapping = mapped()
-    defects = found(mapping, {"speed": RPM}, seconds=0.5)
+    defects = defects_of(mapping, {"speed": RPM}, seconds=0.5)
     assert [item.name for item in refused(defects, mapping)] == ["speed_unit"]
     assert withholding(defects, mapping) == []
 
@@ -338,10 +338,10 @@ def test_modelled_drive_refuses_a_torque_as_its_current(mapped):
 def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
     """The command is constant from the first sample on. With more motion, it is another joint's."""
     mapping = mapped()
-    short = found(mapping, {"command": 0.0}, seconds=0.6)
+    short = defects_of(mapping, {"command": 0.0}, seconds=0.6)
     assert [item.name for item in refused(short, mapping)] == ["command_frozen"]
     assert withholding(short, mapping) == []
-    [long] = withholding(found(mapping, {"command": 0.0}), mapping)
+    [long] = withholding(defects_of(mapping, {"command": 0.0}), mapping)
     assert long.name == "command_frozen"
     assert "or omit command" in long.remedy
 

@@ -214,7 +214,7 @@ def test_uncertainty_of_the_unit_widens_sigma(
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
-    """The calibration measured the response there, with its own command."""
+    """At the healthy point, the calibration measured the response to its command."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)

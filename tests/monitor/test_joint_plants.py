@@ -62,7 +62,7 @@ def test_worm_gear_is_self_locking_and_a_harmonic_drive_is_not():
     assert fallen["worm"] < 1e-3 < 0.1 < fallen["arm"]
 
 
-@pytest.mark.parametrize("name", [name for name, one in plants.JOINTS.items() if one.play])
+@pytest.mark.parametrize("name", [name for name, plant in plants.JOINTS.items() if plant.play])
 def test_play_separates_motor_and_output(name):
     joint = plants.JOINTS[name]
     reference = plants.reference_of(joint, 1.0, 1.0, (1,))

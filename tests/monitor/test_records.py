@@ -76,7 +76,7 @@ def seconds(events: list[Segment | Defect], h: float = H) -> list[tuple[float, f
 
 
 def random_day(seed: int) -> NDArray[np.float64]:
-    """Return minutes of moves, rests, noise and steps of an encoder."""
+    """Return the position over some minutes: moves and rests, with noise and encoder steps."""
     random = np.random.default_rng(seed)
     pieces, at = [], 0.0
     for _ in range(60):
@@ -421,7 +421,7 @@ def test_record_is_detected_at_any_running_index(first_index: int):
 
 
 def seized(seconds: float, angle: float = 0.1, h: float = H) -> Telemetry:
-    """Return motion of a command, and noise of an encoder that stands still."""
+    """Return telemetry in which the command moves but the position has only encoder noise."""
     n = round(seconds / h)
     counts = np.random.default_rng(3).integers(0, 2, n).astype(np.float64)
     return replace(telemetry(angle + QUANTUM * counts, h), command=sine(seconds, h=h))

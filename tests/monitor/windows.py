@@ -65,12 +65,12 @@ def recorded(
 
 
 def changed(window: Window, **columns) -> Window:
-    """Return a window with other columns of telemetry."""
+    """Return the window with some columns of its telemetry replaced."""
     return replace(window, telemetry=replace(window.telemetry, **columns))
 
 
 def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
-    """Return a window with another current and speed after the start, `(n,)` each [A, rad/s]."""
+    """Return the window with current and speed after its start replaced, `(n,)` [A, rad/s]."""
     start = window.telemetry
     return changed(
         window, current=np.append(start.current[0], current), speed=np.append(start.speed[0], speed)

@@ -32,7 +32,7 @@ Duty = Callable[[int], FlownDuty]
 
 
 def flown(travel: float, load: float = 0.25, rise: float | None = None) -> FlownDuty:
-    """Return ten hours of duty with a travel [rad/h], at one load and rise of the winding [K]."""
+    """Return ten hours of duty: travel [rad/h] at one load [-], and the winding rise [K]."""
     duty = FlownDuty(INTERVAL_H)
     duty.travel[:, min(int(10 * load), 9)] = INTERVAL_H * travel * np.array([1.0, load])
     if rise is not None:

@@ -257,7 +257,7 @@ def test_mirrored_motion(faults):
 @pytest.mark.parametrize("P", [1, 2, 3])
 @parametrize_faults
 def test_phases_are_alike(faults, P):
-    """A fault in A equals a fault in B a third of an electrical turn later; B in C, C in A.
+    """A fault in A equals a fault in B a third of an electrical turn later.
 
     The air gaps are a third of a mechanical turn apart: the eccentricity must follow by this angle
     minus the rotation of the rotor.

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
-@pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)
+@pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda variant: variant.model)
 def test_optimum_has_the_cost_in_the_study_and_less_than_the_truth(variant, case):
     objective, _, at_truth, _ = problem(variant.model, case)
     optimum_found = optimum(variant, case)

@@ -34,23 +34,23 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Joint:
-    """Truth of a joint, at the motor of which the effort is measured.
+    """True parameters of a joint, referred to the motor, where the effort is measured.
 
     Attributes
     ----------
     inertia, coulomb, viscous, gravity, load
         Coefficients of ``a``, ``sign(v)``, ``v``, ``sin(q)`` and 1 [A.s^2/rad, A, A.s/rad, A, A].
     stribeck, stribeck_speed
-        Friction beyond Coulomb friction at rest [A], and how fast it falls [rad/s].
+        Additional friction at rest [A], and the speed over which it decays [rad/s].
     ripple, ripple_waves
         Amplitude of a ripple along the position [A], and its wave number [1/rad].
     resonance_hz
-        Resonance of the gear between motor and load, of half of the inertia each [Hz]. Position and
-        gravity are those of the load, friction is that of the motor.
+        Resonance of the gear between motor and load, with half of the inertia on each side [Hz].
+        Position and gravity refer to the load, friction to the motor.
     torque
-        Torque per ampere, over healthy [-].
+        Torque per ampere, relative to the healthy value [-].
     play, wind_up
-        Lost motion between motor and joint, and that of the gear for 1 A of friction [rad].
+        Lost motion between motor and joint, and wind-up of the gear per 1 A of friction [rad].
     """
 
     inertia: float = 0.12
@@ -93,7 +93,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Sensors:
-    """How a record is measured.
+    """Sensors with which a record is measured.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Sensors:
     outliers
         Share of samples of the effort that are off by ten times the Coulomb friction.
     speed, command
-        Whether the speed is measured, there is a command.
+        Whether the speed is measured, and whether there is a command.
     tracking_lag
         Delay of the position behind the command [s].
     """

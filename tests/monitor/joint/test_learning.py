@@ -48,7 +48,7 @@ def learned(
 
 
 def coefficients(baseline: Baseline) -> dict[str, float]:
-    """Return the healthy coefficients by the names of the plant."""
+    """Return the healthy coefficients, keyed by their names in the plant."""
     healthy, shape = baseline.healthy, baseline.shape
     return {
         "coulomb": healthy[DRY] * shape.coulomb,
