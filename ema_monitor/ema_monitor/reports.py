@@ -177,7 +177,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
         health_index=health.health_index,
         severity=health.severity,
         confidence=health.confidence,
-        dominant_fault=outlook.dominant,
+        dominant_fault=outlook.dominant_fault,
         faults=tuple(_item(item, "1", outlook) for item in health.faults),
         requirements=tuple(
             _item(item, RequirementLimits.unit(item.name), outlook) for item in health.requirements
@@ -185,7 +185,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
         rul_faults=rul_faults,
         rul_requirements=rul_requirements,
         rul=rul,
-        flight_hours=outlook.hours,
+        flight_hours=outlook.flight_hours,
         cycles=outlook.cycles,
         duty=outlook.future.factor,
         assumption=outlook.assumption,
@@ -229,7 +229,7 @@ def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
         days_05=days_05,
         days_50=days_50,
         days_95=days_95,
-        dominant_fault=outlook.dominant if life.known else "",
+        dominant_fault=outlook.dominant_fault if life.known else "",
         removal_hours=removal.hours,
         removal_cycles=removal.cycles,
         removal_days=removal.days,

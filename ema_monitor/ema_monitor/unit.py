@@ -248,7 +248,7 @@ class Unit:
         occurrence: Occurrence = UnitFailed(test.reasons)
         if test.verdict == DEPARTED:
             occurrence = UnitDeparted(test.reasons)
-        event = UnitEvent(test.end_ns, outlook.hours, occurrence)
+        event = UnitEvent(test.end_ns, outlook.flight_hours, occurrence)
         return replace(outlook, events=(event,))
 
     def _add_late(
@@ -501,7 +501,7 @@ class Unit:
         assessments = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
         before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)
-        events = self._pending.take_events(outlook.hours)
+        events = self._pending.take_events(outlook.flight_hours)
         events += other_calibration(outlook, self.history)
         assessment = assessment_of(outlook, before, self._pending.take_occurrences(), events)
         self.history.assess(assessment)

@@ -178,7 +178,7 @@ def test_true_end_is_the_hour_at_which_the_first_limit_is_crossed():
     ]
     course = course_of(estimates, truths=truths)
     left = true_remaining_life(course)
-    hours = np.array([outlook.hours for outlook in course.outlooks])
+    hours = np.array([outlook.flight_hours for outlook in course.outlooks])
     assert left == pytest.approx(np.maximum(0.45 / 3.1e-3 - hours, 0.0), abs=1e-6)
     # The picture marks the crossing at the limit, and not the last test at 170 h.
     friction = next(

@@ -57,7 +57,7 @@ def test_estimates_equal_those_of_the_windows_and_health_has_their_service_hours
         np.testing.assert_array_equal(item.faults, reference.faults)
         np.testing.assert_array_equal(item.covariance, reference.covariance)
     assert [item.warm_start for item in estimates] == [False, True, True]
-    assert [item.hours for item in outlooks_in(events)] == [10.0, 20.0, 30.0]
+    assert [item.flight_hours for item in outlooks_in(events)] == [10.0, 20.0, 30.0]
     assert outlooks_in(events)[-1].health.level == ERROR
     assert [entry.cycles for entry in monitor.unit.history.entries] == [1, 2, 3]
 
@@ -66,11 +66,11 @@ def test_counts_give_the_hours_and_the_history_continues_after_a_restart(blocks,
     cycle = blocks[: len(blocks) // 3]
     first = Monitor(history_folder=tmp_path)
     first.count(Count(0, 100.0, 5))
-    assert [outlook.hours for outlook in outlooks_in(fed(first, cycle))] == [100.0]
+    assert [outlook.flight_hours for outlook in outlooks_in(fed(first, cycle))] == [100.0]
     first.unit.history.close()
     second = Monitor(history_folder=tmp_path)
     # Repeating the same telemetry changes nothing.
-    assert {outlook.hours for outlook in outlooks_in(fed(second, cycle))} == {100.0}
+    assert {outlook.flight_hours for outlook in outlooks_in(fed(second, cycle))} == {100.0}
     assert len(second.unit.history.entries) == 1
     second.unit.history.close()
 

@@ -237,28 +237,28 @@ def test_without_usable_costs_there_is_no_advice(life, costs: Costs, words: str)
     advice = advise(life.outlooks[19], costs)
     assert advice.action == "unknown"
     assert words in advice.reason
-    assert math.isnan(advice.hours)
+    assert math.isnan(advice.flight_hours)
 
 
 def test_advice_changes_from_continue_to_remove_before_the_limit(life):
     early = advise(life.outlooks[2], COSTS)
-    assert (early.action, math.isnan(early.rate)) == ("continue", True)
+    assert (early.action, math.isnan(early.expected_cost)) == ("continue", True)
     assert "the remaining life is unknown" in early.reason
     actions = {}
     for tests in (26, 34, 40, 44):
         outlook = life.outlooks[tests - 1]
         actions[tests] = advice = advise(outlook, COSTS)
-        assert advice.hours == pytest.approx(outlook.hours + advice.from_now)
-        assert advice.rate <= advice.rate_at_once
+        assert advice.flight_hours == pytest.approx(outlook.flight_hours + advice.from_now)
+        assert advice.expected_cost <= advice.cost_of_immediate_removal
     assert [action.action for action in actions.values()][:2] == ["continue", "continue"]
     assert actions[44].action == "remove"
-    assert actions[44].hours < 460.0
+    assert actions[44].flight_hours < 460.0
     assert "kEUR/h" in actions[44].reason
 
 
 def test_failed_unit_is_advised_to_be_removed_at_once(life):
     advice = advise(life.outlooks[-1], COSTS)
-    assert (advice.action, advice.from_now, advice.probability) == ("remove", 0.0, 1.0)
+    assert (advice.action, advice.from_now, advice.probability_of_failure) == ("remove", 0.0, 1.0)
     assert advice.reason.startswith("Remove now: failed since")
 
 
@@ -291,7 +291,7 @@ def test_cause_names_the_item_that_determines_the_level_with_value_and_limit():
     assert cause_of_level(outlook(ERROR, margin)) == "torque margin 0.49996 (failed: below 0.5)"
     stale = outlook(STALE, reason="no telemetry for 3 s")
     assert cause_of_level(stale) == "no telemetry for 3 s"
-    two = outlook(WARN, FRICTION, MARGIN, dominant="torque_margin")
+    two = outlook(WARN, FRICTION, MARGIN, dominant_fault="torque_margin")
     assert cause_of_level(two) == (
         "torque margin 0.59 (warns below 0.62, fails below 0.5), "
         "friction 0.2 (warns above 0.1, fails above 0.5)"
@@ -307,7 +307,7 @@ def test_cause_names_the_item_that_determines_the_level_with_value_and_limit():
 
 def test_failed_unit_is_advised_to_be_removed_even_if_its_health_is_stale():
     lives = {"free_play": RemainingLife.unknown("free play exceeds 0.5 mrad", "")}
-    failed = outlook(ERROR, PLAY, lives=lives, hours=170.0, failed_since=150.0)
+    failed = outlook(ERROR, PLAY, lives=lives, flight_hours=170.0, failed_since=150.0)
     words = "Remove now: failed since 150 h (now 170 h): free play exceeds 0.5 mrad"
     assert removal_in_words(failed) == words
     stale = replace(failed, health=replace(failed.health, level=STALE))
@@ -319,7 +319,7 @@ def test_failed_unit_is_advised_to_be_removed_even_if_its_health_is_stale():
 def test_life_that_ends_beyond_the_horizon_has_no_median_hour():
     life = RemainingLife(True, 20.0, math.inf, math.inf, "friction exceeds 0.5")
     removal = Removal(hours=20.0)
-    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
     assert words.startswith("Remove before 120 service hours (in 20 h; 5 % risk")
     assert "median end of life beyond the horizon" in words
 
@@ -327,11 +327,11 @@ def test_life_that_ends_beyond_the_horizon_has_no_median_hour():
 def test_removal_is_reported_in_hours_cycles_and_days_at_the_accepted_risk():
     life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
     removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
-    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
     assert words == (
         "Remove before 130 service hours (in 30 h, 15 test cycles, 4 days at 8 h a day; "
         "12.5 % risk of failure until then); median end of life 150 h: friction exceeds 0.5"
     )
     soon = removal._replace(hours=0.4, cycles=0.2, days=math.nan)
-    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=soon))
+    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=soon))
     assert words.startswith("Remove now (in 0 h, 0 test cycles; 12.5 % risk")

@@ -102,7 +102,7 @@ def test_failure_keeps_its_date_over_a_restart(path: Path):
     _, outlook = lived(path, [0.3, 0.4, 0.55])
     assert (outlook.health.level, outlook.failed_since) == (ERROR, 30.0)
     _, later = lived(path, [0.6, 0.65], first=3)
-    assert (later.hours, later.failed_since) == (50.0, 30.0)
+    assert (later.flight_hours, later.failed_since) == (50.0, 30.0)
 
 
 def test_fault_restart_and_calibration_are_reported_once_as_events(path: Path):

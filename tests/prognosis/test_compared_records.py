@@ -61,7 +61,7 @@ def test_growth_of_friction_is_tracked_like_a_fault():
     # The ratio of friction is 1 + 2 k, with a record every 10 h.
     assert last.trends["friction"] == pytest.approx(GROWTH / 2.0 / 10.0, rel=0.2)
     assert last.rul.known
-    assert last.dominant == "friction"
+    assert last.dominant_fault == "friction"
     assert last.health.faults[0].value == pytest.approx(GROWTH * 13 / 2.0, abs=0.02)
 
 

@@ -42,10 +42,10 @@ def test_level_rises_at_once_and_falls_when_confirmed(
         [friction] = [fault for fault in health.faults if fault.name == "friction"]
         assert (health.level, friction.level) == (expected, expected)
         assert friction.unconfirmed == (level if level < expected else None)
-        assert (health.health_index < 1.0) == (outlook.dominant != "") or health.level == OK
+        assert (health.health_index < 1.0) == (outlook.dominant_fault != "") or health.level == OK
         if health.level != OK:
             assert health.health_index <= 0.99
-            assert (outlook.dominant, health.dominant_fault) == ("friction", "friction")
+            assert (outlook.dominant_fault, health.dominant_fault) == ("friction", "friction")
         # A restart changes nothing.
         again = Unit(unit.history, settings).resume(None, settings)
         assert again is not None

@@ -56,7 +56,7 @@ def test_life_is_reported_for_each_fault_and_requirement_and_the_earliest(grown)
     assert life.known
     assert life.hours_05 < truth < life.hours_95
     assert life.hours_50 == pytest.approx(truth, rel=0.25)
-    assert (last.hours, last.cycles, last.hours_per_cycle) == (600.0, 60, 10.0)
+    assert (last.flight_hours, last.cycles, last.hours_per_cycle) == (600.0, 60, 10.0)
     assert {"friction", "backlash", "gain", *REQUIREMENTS} <= last.lives.keys()
     assert "no significant growth" in last.lives["gain"].reason
     # Free play is equivalent to backlash: it fails at 49/99, shortly before 0.5.
@@ -68,7 +68,7 @@ def test_life_is_reported_for_each_fault_and_requirement_and_the_earliest(grown)
     assert last.rul.hours_05 <= last.rul.hours_50 <= last.rul.hours_95
     # By then, friction and backlash leave too little torque.
     assert last.rul.criterion == last.rul_requirements.criterion == "torque margin falls below 0.5"
-    assert last.dominant == "torque_margin"
+    assert last.dominant_fault == "torque_margin"
 
 
 def test_trends_agree_with_the_laws(grown):
@@ -108,7 +108,7 @@ def test_healthy_actuator_gets_no_life_and_no_alarm():
         estimate = made_test(number, seed=11, friction=0.0, backlash=0.0, gain=0.5)
         last = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
         assert last is not None
-        assert (last.health.level, last.rul.known, last.dominant) == (OK, False, "")
+        assert (last.health.level, last.rul.known, last.dominant_fault) == (OK, False, "")
         assert last.rul.reason
 
 
@@ -170,8 +170,8 @@ def test_late_test_is_reported_and_changes_no_level():
     assert any(
         "70 s older than the latest test" in text_of(event.occurrence) for event in back.events
     )
-    assert (back.hours, back.claim, back.health.level) == (
-        before[-1].hours, before[-1].claim, before[-1].health.level,
+    assert (back.flight_hours, back.claim, back.health.level) == (
+        before[-1].flight_hours, before[-1].claim, before[-1].health.level,
     )  # fmt: skip
     assert [test.entry.stamp_ns for test in prognostics.latest_tests(9)[0]] == sorted(
         test.entry.stamp_ns for test in prognostics.latest_tests(9)[0]
@@ -224,7 +224,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     *_, last = [prognostics.update(estimate, PARAMETERS, TEN_HOURS) for estimate in estimates]
     assert last is not None
     assert not last.rul.known
-    assert (last.health.level, last.dominant) == (WARN, "torque_margin")
+    assert (last.health.level, last.dominant_fault) == (WARN, "torque_margin")
     assert all(item.level == OK for item in last.health.faults)
 
 
@@ -284,7 +284,7 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     prognostics = Unit(History(*UNIT))
     cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
     outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
-    assert [item.hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
+    assert [item.flight_hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
     assert [text_of(event.occurrence) for item in outlooks for event in item.events] == [
         "usage is ignored, 3 h: hours_per_cycle = 10 h is set"
     ]
@@ -309,7 +309,7 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     counted_last, between = outlooks[20], outlooks[23]
     assert counted_last is not None
     assert between is not None
-    assert (between.hours, between.rul_faults) == (200.0, counted_last.rul_faults)
+    assert (between.flight_hours, between.rul_faults) == (200.0, counted_last.rul_faults)
     single = assess(prognostics.history.entries[23].estimate, HealthLimits())
     # The tracker holds NaN, which does not equal itself.
     assert repr(between.health.faults) == repr(single.faults)
@@ -392,7 +392,7 @@ def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     prognostics.history.close()
     assert first is not None
     assert second is not None
-    assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
+    assert [(item.flight_hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
 
 
 def test_counted_cycles_take_precedence_and_one_wrong_count_costs_one_test():
@@ -412,7 +412,7 @@ def test_counted_cycles_take_precedence_and_one_wrong_count_costs_one_test():
 def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
     prognostics, outlooks = lived(12, PrognosisSettings())
     last = outlooks[-1]
-    assert math.isnan(last.hours)
+    assert math.isnan(last.flight_hours)
     assert last.cycles == 12
     for life in (last.rul, last.rul_faults, last.rul_requirements, *last.lives.values()):
         assert not life.known
@@ -432,7 +432,7 @@ def test_count_received_after_the_test_does_not_apply_to_it():
 
 def test_missed_tests_count_and_are_reported():
     _, outlooks = lived(20, missing=(7, 8, 12))
-    events = {item.hours: item.events for item in outlooks if item.events}
+    events = {item.flight_hours: item.events for item in outlooks if item.events}
     assert any(
         "2 tests without a valid estimate" in text_of(event.occurrence) for event in events[100.0]
     )
@@ -440,4 +440,4 @@ def test_missed_tests_count_and_are_reported():
         "1 test without a valid estimate" in text_of(event.occurrence) for event in events[140.0]
     )
     last = outlooks[-1]
-    assert (last.hours, last.cycles, last.hours_per_cycle) == (200.0, 20, 10.0)
+    assert (last.flight_hours, last.cycles, last.hours_per_cycle) == (200.0, 20, 10.0)

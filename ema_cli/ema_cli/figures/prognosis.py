@@ -176,8 +176,8 @@ def _draw_fault(
     for end in ends:
         axes.axhline(end, **LIMIT)
     nearest = min(ends, key=lambda end: abs(end - tracked[-1]))
-    crossed = _crossing(place, np.array(tracked), nearest, last.hours)
-    _mark_life(axes, last.hours, last.lives[fault.name], nearest, crossed)
+    crossed = _crossing(place, np.array(tracked), nearest, last.flight_hours)
+    _mark_life(axes, last.flight_hours, last.lives[fault.name], nearest, crossed)
     # Tests that do not show the fault have no value.
     drawn = np.array([*value, *tracked, *ends])
     least, most = float(np.nanmin(drawn)), float(np.nanmax(drawn))
@@ -202,8 +202,8 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
         va="top" if name in BELOW else "bottom",
         fontsize="small",
     )
-    crossed = _crossing(place, value, limit, last.hours)
-    _mark_life(axes, last.hours, last.lives[name], limit, crossed)
+    crossed = _crossing(place, value, limit, last.flight_hours)
+    _mark_life(axes, last.flight_hours, last.lives[name], limit, crossed)
     axes.margins(y=0.15)
     axes.set_ylabel(label_of(name) + (f"\n[{unit.strip()}]" if unit else ""))
 

@@ -83,7 +83,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
                 "number": number,
                 "bag": path.name if path else "",
                 "time": moment(step.end_ns),
-                "hours": outlook.hours if outlook else math.nan,
+                "hours": outlook.flight_hours if outlook else math.nan,
                 "verdict": step.verdict,
                 "level": LEVEL_NAMES[outlook.health.level] if outlook else "",
                 "goodness": step.goodness_of_fit,
@@ -250,7 +250,7 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     }
     worn = [item for item in last.health.faults if item.name in faults]
     worst = max(worn, key=lambda item: item.share, default=None)
-    named = [items[last.dominant]] if last.dominant in items else []
+    named = [items[last.dominant_fault]] if last.dominant_fault in items else []
     if worst is not None and worst not in named:
         named.append(worst)
     if not named and valid.comparison is not None and not valid.comparison[FRICTION].is_judged:
@@ -283,7 +283,7 @@ def _lasting(last: Outlook) -> str:
         return "Its life has ended: a limit is exceeded or a required performance has failed."
     if not life.known:
         return f"The remaining life is unknown: {life.reason or 'no growth is certain'}."
-    before = last.hours + last.removal.hours
+    before = last.flight_hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
         f"{life.criterion}; remove before {before:,.0f} service hours."

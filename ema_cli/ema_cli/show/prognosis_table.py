@@ -143,7 +143,11 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     lines.append(f"assumption: {report.assumption} (duty {report.duty:g})")
     missed = []
     for outlook in course.outlooks:
-        place = f"{outlook.hours:.6g} h" if math.isfinite(outlook.hours) else "an unknown hour"
+        place = (
+            f"{outlook.flight_hours:.6g} h"
+            if math.isfinite(outlook.flight_hours)
+            else "an unknown hour"
+        )
         for event in outlook.events:
             if event.kind is EventKind.GAP:
                 missed.append(place)
@@ -209,16 +213,16 @@ def advice_in_words(course: Course) -> str:
     if advice is None or costs is None:
         return ""
     words = _ACTIONS[advice.action]
-    if math.isfinite(advice.hours):
+    if math.isfinite(advice.flight_hours):
         joined = ", at" if advice.action == "continue" else " by"
-        words += f"{joined} {advice.hours:,.0f} service hours (in {advice.from_now:,.0f} h)"
+        words += f"{joined} {advice.flight_hours:,.0f} service hours (in {advice.from_now:,.0f} h)"
     parts = [f"{words}: {advice.reason}"]
-    if math.isfinite(advice.rate):
+    if math.isfinite(advice.expected_cost):
         unit = f"{costs.unit}/h".lstrip("/") if costs.unit else "an hour"
         parts.append(
-            f"expected cost over the life {advice.rate:.3g} {unit}, {advice.rate_at_once:.3g} "
-            "if it is removed as early as possible"
+            f"expected cost over the life {advice.expected_cost:.3g} {unit}, "
+            f"{advice.cost_of_immediate_removal:.3g} if it is removed as early as possible"
         )
-    if math.isfinite(advice.probability):
-        parts.append(f"risk of failure until then {100.0 * advice.probability:.2g} %")
+    if math.isfinite(advice.probability_of_failure):
+        parts.append(f"risk of failure until then {100.0 * advice.probability_of_failure:.2g} %")
     return "; ".join(parts)

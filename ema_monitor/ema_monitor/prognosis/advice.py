@@ -164,21 +164,21 @@ class Advice:
     """"unknown", "continue", "inspect" or "remove"."""
     reason: str
     """Reason for the advice, as a sentence."""
-    hours: float = math.nan
+    flight_hours: float = math.nan
     from_now: float = math.nan
     """Service hour of the action or of the next decision, and hours from the latest test to it [h];
     NaN when unknown."""
-    probability: float = math.nan
+    probability_of_failure: float = math.nan
     """Probability of a failure before that hour [-]; NaN if unknown."""
-    rate: float = math.nan
-    rate_at_once: float = math.nan
-    """Expected cost per flight hour over the life with this advice, and with the earliest possible
-    removal; NaN when unknown."""
+    expected_cost: float = math.nan
+    """Expected cost per flight hour over the life with this advice; NaN when unknown."""
+    cost_of_immediate_removal: float = math.nan
+    """Expected cost per flight hour with the earliest possible removal; NaN when unknown."""
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
     """Return the advice for a unit after its latest test (docs/prognosis.md, P18 to P20)."""
-    rul, now = outlook.rul, outlook.hours
+    rul, now = outlook.rul, outlook.flight_hours
     if costs.defect:
         return Advice("unknown", costs.defect)
     items = (*outlook.health.faults, *outlook.health.requirements)
@@ -207,8 +207,8 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
         inspection = decision.inspect(outlook.levels)
         if inspection.rate < least:
             reason = (
-                f"an inspection now, which measures {label_of(outlook.dominant)}, reduces the "
-                f"expected cost from {per_hour(least)} to {per_hour(inspection.rate)}"
+                f"an inspection now, which measures {label_of(outlook.dominant_fault)}, reduces "
+                f"the expected cost from {per_hour(least)} to {per_hour(inspection.rate)}"
             )
             return Advice("inspect", reason, now, 0.0, 0.0, inspection.rate, at_once.rate)
     grounds = (

@@ -33,7 +33,7 @@ def assessment_of(
     alarms = [item for item in items if item.level in (WARN, ERROR)]
     earlier = before.alarms if before else {}
     raised = [AlarmRaised(item) for item in alarms if item.level > earlier.get(item.name, 0)]
-    stamp_ns, hours = outlook.stamp_ns, outlook.hours
+    stamp_ns, hours = outlook.stamp_ns, outlook.flight_hours
     # If a test is reassessed, keep its original events.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()
     return Assessment(
@@ -41,7 +41,7 @@ def assessment_of(
         hours,
         health.level,
         health.health_index,
-        outlook.dominant,
+        outlook.dominant_fault,
         (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
         {item.name: item.level for item in alarms},
         (*kept, *events, *(UnitEvent(stamp_ns, hours, each) for each in (*occurrences, *raised))),

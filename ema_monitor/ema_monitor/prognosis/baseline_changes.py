@@ -47,7 +47,7 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
     old, new = map(_baseline, entries[-2:])
     if old == new:
         return []
-    return [UnitEvent(outlook.stamp_ns, outlook.hours, CalibrationReplaced(old, new))]
+    return [UnitEvent(outlook.stamp_ns, outlook.flight_hours, CalibrationReplaced(old, new))]
 
 
 def worn_baseline(history: History) -> BaselineChanged | None:

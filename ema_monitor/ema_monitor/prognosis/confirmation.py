@@ -45,7 +45,7 @@ def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
     if not health.dominant_fault and of_fault is not None and of_fault.level != OK:
         health = replace(health, dominant_fault=of_fault.name)
     health = warned(replace(health, level=max(health.level, worst.level)))
-    return replace(outlook, health=health, dominant=outlook.dominant or worst.name)
+    return replace(outlook, health=health, dominant_fault=outlook.dominant_fault or worst.name)
 
 
 def _confirmed(item: FaultHealth, before: int) -> FaultHealth:

@@ -59,7 +59,7 @@ def failed_since(outlook: Outlook, history: History) -> float:
     """
     if outlook.health.level != ERROR:
         return math.nan
-    since = outlook.hours
+    since = outlook.flight_hours
     for entry in reversed(history.entries):
         if entry.stamp_ns != outlook.stamp_ns:
             assessment = history.assessments.get(entry.stamp_ns)

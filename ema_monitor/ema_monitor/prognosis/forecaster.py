@@ -163,7 +163,7 @@ def outlook_of(
         lives[TORQUE_PER_AMPERE] = RemainingLife.unknown("", "its growth is not tracked")
     return Outlook(
         stamp_ns=entry.stamp_ns,
-        hours=service.hours,
+        flight_hours=service.hours,
         cycles=entry.cycles,
         hours_per_cycle=hours_per_cycle,
         health=warned_if_due(health, removal),
@@ -172,7 +172,7 @@ def outlook_of(
         rul_faults=prognosis.overall,
         rul_requirements=required.overall,
         rul=rul,
-        dominant=dominant,
+        dominant_fault=dominant,
         future=future,
         assumption=str(future),
         observed_hours=observed,

@@ -94,7 +94,7 @@ class Outlook(Displayed):
 
     stamp_ns: int = 0
     """Stamp of the latest valid test [ns], from which all values are computed."""
-    hours: float = math.nan
+    flight_hours: float = math.nan
     """Service hours at the latest valid test [h]; NaN if unknown."""
     cycles: int = 0
     """Number of test cycles up to the latest valid test."""
@@ -113,7 +113,7 @@ class Outlook(Displayed):
     """Remaining life until the first requirement fails."""
     rul: RemainingLife
     """The shorter of ``rul_faults`` and ``rul_requirements``."""
-    dominant: str = ""
+    dominant_fault: str = ""
     """Fault or requirement that ends life first. If the life is unknown, the worst fault or
     requirement with a warning; empty without a warning."""
     future: FutureDuty = STEADY
@@ -160,7 +160,7 @@ class Outlook(Displayed):
         if life.known:
             hours = (life.hours_05, life.hours_50, life.hours_95)
             text = f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
-        return f"level {level}, remaining life {text}, {self.hours:.6g} service hours"
+        return f"level {level}, remaining life {text}, {self.flight_hours:.6g} service hours"
 
     @property
     def finding(self) -> str:
@@ -230,7 +230,7 @@ class Outlook(Displayed):
             removal=Removal(),
             lifetimes=np.empty(0),
             levels=np.empty(0),
-            dominant="",
+            dominant_fault="",
             failure=test.reason,
         )
 
@@ -249,6 +249,6 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         unknown_outlook(reason),
         stamp_ns=estimate.end_ns,
         health=health,
-        dominant=health.dominant_fault,
+        dominant_fault=health.dominant_fault,
         departure=estimate.departure,
     )

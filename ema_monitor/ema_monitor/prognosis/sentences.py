@@ -43,7 +43,7 @@ def cause_of_level(outlook: Outlook) -> str:
     items = [item for item in every if item.level == health.level or math.isfinite(item.held)]
     if not items:
         return outlook.departure or health.reason
-    items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))
+    items.sort(key=lambda item: (-item.level, item.name != outlook.dominant_fault))
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)
     text = ", ".join(causes) + (f" and {more} more" if more else "")
@@ -121,7 +121,7 @@ def removal_in_words(outlook: Outlook) -> str:
     """Return a sentence with the latest time to remove a unit, and the reason."""
     if outlook.failure:
         return f"Remove now: {outlook.failure}"
-    life, hours = outlook.rul, outlook.hours
+    life, hours = outlook.rul, outlook.flight_hours
     items = (*outlook.health.faults, *outlook.health.requirements)
     failed = [item.name for item in items if item.level == ERROR]
     if failed:

@@ -175,7 +175,7 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
         description,
         fan,
         stamp_ns=outlook.stamp_ns,
-        flight_hours=outlook.hours,
+        flight_hours=outlook.flight_hours,
         duty=outlook.future.factor,
         probabilities=np.array(FAN_LEVELS),
         faults=[
@@ -197,10 +197,6 @@ def advice_to_message(
         advice,
         stamp_ns=outlook.stamp_ns,
         action=getattr(AdviceMessage, advice.action.upper()),
-        flight_hours=advice.hours,
-        probability_of_failure=advice.probability,
-        expected_cost=advice.rate,
-        cost_of_immediate_removal=advice.rate_at_once,
         cost_unit=cost_unit,
     )
 

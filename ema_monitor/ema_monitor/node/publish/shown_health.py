@@ -187,7 +187,7 @@ class ShownHealth:
         self._assessed, self.outlook = description, self.worth(outlook, now)
         level, change = self.outlook.health.level, ""
         if level not in (STALE, before):
-            dominant = f": {outlook.dominant}" if outlook.dominant else ""
+            dominant = f": {outlook.dominant_fault}" if outlook.dominant_fault else ""
             change = f"health {LEVEL_NAMES[before]} -> {LEVEL_NAMES[level]}{dominant}"
         self._publish_as_is()
         return change

@@ -53,7 +53,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     values = {
         "health index": health.health_index,
         "confidence": health.confidence,
-        "flight hours [h]": unit.health.outlook.hours,
+        "flight hours [h]": unit.health.outlook.flight_hours,
         "remaining life 5 % [h]": life.hours_05,
         "remaining life 50 % [h]": life.hours_50,
         "remaining life 95 % [h]": life.hours_95,
@@ -68,8 +68,8 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
     if is_stale and last_level != STALE:
         summary = f"unknown, last {LEVEL_NAMES[last_level]}"
-    if unit.health.outlook.dominant:
-        summary += f": {unit.health.outlook.dominant}"
+    if unit.health.outlook.dominant_fault:
+        summary += f": {unit.health.outlook.dominant_fault}"
     if is_stale and unit.learning:
         summary = unit.learning
     elif health.reason:
