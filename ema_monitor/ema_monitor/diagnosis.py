@@ -395,8 +395,8 @@ class Diagnosis:
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):
             return []
-        whole = Refusal(stretches[0][0], stretches[-1][1], "")
-        nothing = refusal(whole, motion.calibration, motion.search, StretchesInsufficient())
+        whole = Refusal(stretches[0][0], stretches[-1][1], StretchesInsufficient())
+        nothing = refusal(whole, motion.calibration, motion.search, whole.cause)
         nothing = replace(nothing, stretches=len(stretches))
         if motion.judged(nothing).verdict == DEPARTED:
             return [self._numbered(motion, nothing)]

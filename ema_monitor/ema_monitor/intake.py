@@ -14,6 +14,7 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -109,9 +110,9 @@ class Intake:
             self._counts.assign(description.unit_key)
         return self._complete(self.finder.describe(description))
 
-    def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
+    def restart(self, settings: TriggerSettings, cause: Reason) -> list[Segment | Defect]:
         """Restart the search for windows with new settings (see `WindowFinder.restart`)."""
-        return self._complete(self.finder.restart(settings, reason))
+        return self._complete(self.finder.restart(settings, cause))
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
         """Process the next block. Return the completed windows and the defects of the block."""
@@ -123,9 +124,9 @@ class Intake:
             self._meter_of(described.unit_key).add(block, described.parameters, rise)
         return self._complete(self.finder.feed(block))
 
-    def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
+    def reject(self, stamp_ns: int, error: str) -> list[Segment | Defect]:
         """Report a malformed block (see `WindowFinder.reject`)."""
-        return self._complete(self.finder.reject(stamp_ns, reason))
+        return self._complete(self.finder.reject(stamp_ns, error))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
         """End the telemetry if a block does not continue it (see `WindowFinder.split`)."""

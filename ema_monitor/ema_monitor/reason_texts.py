@@ -12,7 +12,7 @@ from ema_core.column_wording import error_text, question
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
 from ema_core.wording import counted
 from ema_monitor.quantities import QUANTITIES
-from ema_monitor.reasons import Reason, Unjudged, mistake_of
+from ema_monitor.reasons import Reason, Stage, Unjudged, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
 """Names of the short circuits; if equal in all phases, they act like a smaller torque constant."""
@@ -81,6 +81,12 @@ _UNJUDGED: Final = {
 }
 """Reason why a quantity is not judged."""
 
+_STOPPED: Final = {
+    Stage.RECORD: "during the record",
+    Stage.QUEUE: "before the window was identified",
+    Stage.IDENTIFICATION: "during the identification",
+}
+
 _NO_STATE: Final = "no state is named"
 _UNEXPLAINED: Final = "no fault explains it"
 _MOST_NAMED: Final = 3
@@ -132,6 +138,27 @@ def _not_measured(reason: of.NotMeasured) -> str:
     if reason.column == "current":
         return f"{start}: causes that the speed does not show are unknown"
     return f"{start}: the speed of the user shaft, derived from the position, is used instead"
+
+
+def _columns(missing: tuple[str, ...]) -> str:
+    return f"no {' and no '.join(missing)}" if missing else "all columns"
+
+
+def _impossible_samples(reason: of.ImpossibleSamples) -> str:
+    parts: list[str] = []
+    if reason.jumps:
+        parts.append(
+            f"the position jumps {counted(reason.jumps, 'time')}, by up to "
+            f"{reason.largest_jump:.4g} rad in {reason.period:g} s, and the motor can turn it by "
+            f"{reason.possible_jump:.4g} rad"
+        )
+    if reason.spikes:
+        parts.append(
+            f"the speed is wrong for one sample {counted(reason.spikes, 'time')}, by up to "
+            f"{reason.largest_spike:.4g} rad/s, and the motor can change it by "
+            f"{reason.possible_spike:.4g} rad/s"
+        )
+    return f"impossible samples: {'; '.join(parts)}: repair the telemetry"
 
 
 def _order_unknown(reason: of.OrderUnknown) -> str:
@@ -359,7 +386,48 @@ def _samples_interpolated(reason: of.SamplesInterpolated) -> str:
 
 
 _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
-    of.WindowUnusable: "{r.detail}",
+    of.SamplesLost: lambda r: (
+        f"gap of {counted(r.index - r.expected, 'sample')}: index {r.index} follows "
+        f"{r.expected - 1}"
+    ),
+    of.IndexWentBack: "the sample index went back from {r.latest} to {r.index}",
+    of.TimeWentBack: "time ran backwards by {r.back_s:g} s at index {r.index}",
+    of.PeriodChanged: "the sample period changed from {r.before:g} s to {r.period:g} s",
+    of.ColumnsChanged: lambda r: (
+        f"{_columns(r.missing)} measured from index {r.index} on, "
+        f"{_columns(r.missing_before)} before"
+    ),
+    of.PayloadChanged: lambda r: (
+        f"the payload is only known {'from' if r.is_known else 'before'} index {r.index}"
+    ),
+    of.StampsOffPeriod: (
+        "the stamps give one sample every {r.stamped:.4g} s, the blocks {r.period:.4g} s"
+    ),
+    of.OtherPeriod: (
+        "the description gives one sample every {r.described:g} s, the telemetry {r.period:g} s, "
+        "which is used"
+    ),
+    of.SamplesNotFinite: lambda r: (
+        f"{r.column} is {r.value} at index {r.index} ({r.samples} such samples in its block): "
+        f"expected {'finite numbers' if math.isnan(r.largest) else f'numbers below {r.largest:g}'}"
+    ),
+    of.ImpossibleSamples: _impossible_samples,
+    of.TooManySamples: lambda r: (
+        f"sample_period = {r.period:g} s: a {'record' if r.is_record else 'window'} of "
+        f"{r.length_s:g} s would have {r.samples:,} samples, expected at most {r.most:,}"
+    ),
+    of.TooManyBlocks: "the window has more than {r.most:,} blocks",
+    of.TelemetryEnded: ("the telemetry ends {r.after_s:.3f} s into the window of {r.window_s:g} s"),
+    of.MalformedBlock: "{r.error}",
+    of.DescriptionChanged: "the description of the actuator changed",
+    of.SettingsChanged: "the settings of the window changed",
+    of.MonitorStopped: lambda r: f"the monitor was stopped {_STOPPED[r.stage]}",
+    of.MonitorInactive: "the monitor is not active",
+    of.QueueFull: lambda r: (
+        f"dropped: more than {counted(r.most, 'stretch' if r.is_stretch else 'window')} waited for "
+        "identification"
+    ),
+    of.IdentificationFailed: "{r.error}",
     of.OrderUnknown: _order_unknown,
     of.StampsContradict: _stamps_contradict,
     of.NotMeasured: _not_measured,
@@ -414,7 +482,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.WrongScale: lambda r: error_text(r.error),
     of.NoFiniteCost: "no fault vector has a finite cost",
-    of.UncertaintyUnknown: "the uncertainty cannot be computed: {r.detail}",
+    of.UncertaintyUnknown: "the uncertainty cannot be computed: {r.error}",
     of.NotConverged: "the search was stopped before it converged",
     of.Contradicted: lambda r: f"not used, as the {r.subject} contradicts it: measured {_cause(r)}",
     of.CauseFound: _cause_found,

@@ -18,6 +18,8 @@ KINDS: Final[dict[str, type["Reason"]]] = {}
 """Classes of reasons by code."""
 
 _COUNTS: Final = ("stretches", "of_stretches")
+_MESSAGES: Final = ("error", "sentence")
+"""Fields with messages from elsewhere, whose figures and names vary."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +50,7 @@ class Reason:
     @property
     def kind(self) -> tuple[Any, ...]:
         """Code and names, which reasons that differ only in their figures have in common."""
-        names = (item.name for item in fields(self) if item.name not in _COUNTS)
+        names = (item.name for item in fields(self) if item.name not in (*_COUNTS, *_MESSAGES))
         return (self.code, *(_without_figures(getattr(self, name)) for name in names))
 
     @classmethod
@@ -116,10 +118,196 @@ def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class WindowUnusable(Reason, code="window_unusable"):
-    """The window cannot be used, was cut off or was dropped."""
+class SamplesLost(Reason, code="samples_lost"):
+    """Samples are missing between two blocks."""
 
-    detail: str
+    expected: int
+    index: int
+    """Index of the first missing sample, and of the next received sample."""
+
+
+@dataclass(frozen=True)
+class IndexWentBack(Reason, code="index_went_back"):
+    """The sample index went back, for example because two publishers send the telemetry."""
+
+    latest: int
+    index: int
+    """Index of the latest sample, and of the sample after it."""
+
+
+@dataclass(frozen=True)
+class TimeWentBack(Reason, code="time_went_back"):
+    """The stamp of a block is earlier than the stamp of the block before it."""
+
+    back_s: float
+    """Time by which the stamp went back [s]."""
+    index: int
+    """Index of the first sample of the block."""
+
+
+@dataclass(frozen=True)
+class PeriodChanged(Reason, code="period_changed"):
+    """The sample period [s] changed between two blocks."""
+
+    before: float
+    period: float
+
+
+@dataclass(frozen=True)
+class ColumnsChanged(Reason, code="columns_changed"):
+    """The measured columns changed between two blocks."""
+
+    missing: tuple[str, ...]
+    """Columns that are not measured from ``index`` on."""
+    missing_before: tuple[str, ...]
+    """Columns that were not measured before."""
+    index: int
+    """Index of the first sample of the block."""
+
+
+@dataclass(frozen=True)
+class PayloadChanged(Reason, code="payload_changed"):
+    """The payload is known only before or only from a sample on."""
+
+    is_known: bool
+    """Whether the payload is known from ``index`` on."""
+    index: int
+
+
+@dataclass(frozen=True)
+class StampsOffPeriod(Reason, code="stamps_off_period"):
+    """The stamps of blocks contradict their sample period. Periods in s."""
+
+    stamped: float
+    period: float
+
+
+@dataclass(frozen=True)
+class OtherPeriod(Reason, code="other_period"):
+    """The sample period of the telemetry differs from the description. Periods in s."""
+
+    described: float
+    period: float
+
+
+@dataclass(frozen=True)
+class SamplesNotFinite(Reason, code="samples_not_finite"):
+    """Samples of a column are not finite, or too large for computation."""
+
+    column: str
+    value: float
+    index: int
+    """First such sample: its value and index."""
+    samples: int
+    """Number of such samples in the block."""
+    largest: float
+    """Largest usable value; NaN if the samples are not finite."""
+
+
+@dataclass(frozen=True)
+class ImpossibleSamples(Reason, code="impossible_samples"):
+    """The described motor cannot produce some samples."""
+
+    jumps: int
+    largest_jump: float
+    possible_jump: float
+    """Number of jumps of the position, the largest, and the largest possible in a period [rad]."""
+    period: float
+    """Sample period [s]."""
+    spikes: int
+    largest_spike: float
+    possible_spike: float
+    """Number of wrong samples of the speed, their largest error, and the largest possible change in
+    a period [rad/s]."""
+
+
+@dataclass(frozen=True)
+class TooManySamples(Reason, code="too_many_samples"):
+    """A window or record of the required length would have too many samples."""
+
+    period: float
+    """Sample period [s]."""
+    length_s: float
+    samples: int
+    most: int
+    """Required length [s], its number of samples, and the largest possible number."""
+    is_record: bool
+    """Whether a record would have them; else a window."""
+
+
+@dataclass(frozen=True)
+class TooManyBlocks(Reason, code="too_many_blocks"):
+    """A window has more than ``most`` blocks."""
+
+    most: int
+
+
+@dataclass(frozen=True)
+class TelemetryEnded(Reason, code="telemetry_ended"):
+    """The telemetry ended before the window was complete."""
+
+    after_s: float
+    """Time from the start of the window to the end of the telemetry [s]."""
+    window_s: float
+    """Length of a window [s]."""
+
+
+@dataclass(frozen=True)
+class MalformedBlock(Reason, code="malformed_block"):
+    """A block of telemetry cannot be read."""
+
+    error: str
+    """Message of the reader."""
+
+
+@dataclass(frozen=True)
+class DescriptionChanged(Reason, code="description_changed"):
+    """The description of the actuator changed during the window."""
+
+
+@dataclass(frozen=True)
+class SettingsChanged(Reason, code="settings_changed"):
+    """The settings of the window changed during the window."""
+
+
+class Stage(StrEnum):
+    """Stage of a window or record."""
+
+    RECORD = "record"
+    """It is being recorded."""
+    QUEUE = "queue"
+    """It waits for its identification."""
+    IDENTIFICATION = "identification"
+    """It is being identified."""
+
+
+@dataclass(frozen=True)
+class MonitorStopped(Reason, code="monitor_stopped"):
+    """The monitor was stopped before the window was identified."""
+
+    stage: Stage
+    """Stage in which the monitor was stopped."""
+
+
+@dataclass(frozen=True)
+class MonitorInactive(Reason, code="monitor_inactive"):
+    """The monitor is not active."""
+
+
+@dataclass(frozen=True)
+class QueueFull(Reason, code="queue_full"):
+    """The window was dropped because more than ``most`` windows or stretches waited."""
+
+    most: int
+    is_stretch: bool
+
+
+@dataclass(frozen=True)
+class IdentificationFailed(Reason, code="identification_failed"):
+    """The identification ended with an error."""
+
+    error: str
+    """Message of the error."""
 
 
 @dataclass(frozen=True)
@@ -359,7 +547,8 @@ class NoFiniteCost(Reason, code="no_finite_cost"):
 class UncertaintyUnknown(Reason, code="uncertainty_unknown"):
     """The covariance cannot be computed."""
 
-    detail: str
+    error: str
+    """Message of the linear algebra."""
 
 
 @dataclass(frozen=True)

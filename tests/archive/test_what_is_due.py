@@ -80,6 +80,8 @@ def test_run_reports_how_many_windows_are_refused_and_why(ema, archive, fleet, t
     status = ema("archive", "status", archive)
     assert status.exit_code == 0
     assert "2 of 10 windows refused, most often because: gap" in status.output
+    _, rows = answer(archive, "select what, codes, count from refused_why where codes <> []")
+    assert rows == [("refused", ["samples_lost"], 2)]
     another = tmp_path / "another"
     calibration = fleet / "unit_1" / "calibration.yaml"
     ema("archive", "scan", another, fleet / "unit_0", "--calibration", calibration)

@@ -10,6 +10,7 @@ from hypothesis.stateful import invariant, precondition, rule
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.node.work.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -18,7 +19,7 @@ from .stateful import Walk
 
 _ROW = np.linspace(0.0, 1.0, 3)
 _WINDOW = Window(Telemetry(0, 1e-4, 0, _ROW, _ROW, _ROW, _ROW), 0.0)
-_REFUSAL = Refusal(5, 6, "gap")
+_REFUSAL = Refusal(5, 6, StatedReason("gap"))
 _UNITS = {name: ActuatorDescription(actuator_id=name) for name in ("a", "b", "c")}
 _unit = st.sampled_from(sorted(_UNITS))
 

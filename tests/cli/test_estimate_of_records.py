@@ -22,7 +22,7 @@ from tests.monitor.comparisons import (
 from ema_cli.bags.identifying import Identifying
 from ema_monitor.joint.comparison import Comparison, Improvement
 from ema_monitor.quantities import FRICTION
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import StatedReason
 
 Shown = Callable[..., Any]
 
@@ -100,7 +100,7 @@ def test_unreadable_record_is_refused_with_its_reason(
     ema, monkeypatch: pytest.MonkeyPatch, bag: Path
 ):
     refused = compared(
-        NOTHING, comparison=None, reasons=(WindowUnusable("the position is constant"),)
+        NOTHING, comparison=None, reasons=(StatedReason("the position is constant"),)
     )
     monkeypatch.setattr(Identifying, "estimate", lambda *_: [refused])
     result = ema("estimate", bag)

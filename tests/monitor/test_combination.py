@@ -23,6 +23,7 @@ from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import shifts_of
 from ema_monitor.model.deviations import Prior
 from ema_monitor.model.measured import expected_causes
+from ema_monitor.reasons import QueueFull, StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -243,12 +244,15 @@ def test_jam_is_reported_once_and_does_not_count_against_the_limit(stretches):
 
 
 def test_unusable_or_late_stretch_is_only_counted():
-    estimates, combination = combined([Refusal(5, 9, "a gap")] * 4)
+    estimates, combination = combined([Refusal(5, 9, StatedReason("a gap"))] * 4)
     assert estimates == []
-    assert combination.tally == Tally(stretches=4, refused=4, reason="a gap")
-    _, combination = combined([Refusal(5, 9, "more than 2 waited", is_dropped=True)])
-    assert combination.tally == Tally(stretches=1, dropped=1, reason="more than 2 waited")
-    assert "1 dropped (the latest: more than 2 waited)" in str(combination.tally)
+    assert combination.tally == Tally(stretches=4, refused=4, reasons=(StatedReason("a gap"),))
+    full = QueueFull(2, is_stretch=True)
+    _, combination = combined([Refusal(5, 9, full, is_dropped=True)])
+    assert combination.tally == Tally(stretches=1, dropped=1, reasons=(full,))
+    assert "1 dropped (the latest: dropped: more than 2 stretches waited for" in str(
+        combination.tally
+    )
 
 
 @pytest.mark.slow
@@ -272,7 +276,7 @@ def test_another_calibration_begins_a_new_combination(stretches):
     stretch = Segment(7, FLAP, stretches[0], is_stretch=True)
     begun = diagnosis.add(stretch, *of, CombinationSettings(wanted_sigma=6e-3))
     assert all(isinstance(state, Generation) for state in begun)
-    dropped = Segment(8, FLAP, Refusal(1, 2, "dropped"), is_stretch=True)
+    dropped = Segment(8, FLAP, Refusal(1, 2, StatedReason("dropped")), is_stretch=True)
     [ended] = diagnosis.add(dropped, *of, CombinationSettings(wanted_sigma=0.02))
     assert isinstance(ended, Diagnosed)
     assert (ended.number, ended.last, ended.description) == (0, 8, FLAP)

@@ -8,6 +8,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.reasons import DescriptionChanged, MalformedBlock, SettingsChanged
 from ema_monitor.windows import finder as finder_module
 from ema_monitor.windows import trigger as trigger_module
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -67,11 +68,11 @@ def test_change_of_the_description_ends_the_open_window(change: str):
     if change == "description":
         [event] = finder.describe(replace(FLAP, serial_number="SIM-0002"))
     else:
-        [event] = finder.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings")
+        [event] = finder.restart(TriggerSettings(window_s=0.03, rest_s=0.01), SettingsChanged())
     assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
-    reason = "description of the actuator changed" if change == "description" else "other settings"
-    assert reason in event.window.reason
+    reason = DescriptionChanged() if change == "description" else SettingsChanged()
+    assert event.window.cause == reason
     # The window belongs to the unit that was described at its start.
     assert (event.number, event.description) == (0, FLAP)
     [after] = only(Segment, fed(finder, cycles(1, 901)))
@@ -104,17 +105,17 @@ def test_invalid_block_ends_the_window_or_interrupts_waiting_telemetry():
     assert isinstance(event.window, Refusal)
     assert event.window.reason == "columns differ"
     [outside] = finder.reject(part[6].stamp_ns, "columns differ")
-    assert outside == Defect(part[6].stamp_ns, "columns differ")
+    assert outside == Defect(part[6].stamp_ns, MalformedBlock("columns differ"))
     assert finder.blocks == 7
 
     finder, telemetry = WindowFinder(SETTINGS), cycles(2)
     half = len(telemetry) // 2
     fed(finder, telemetry.part(0, half))
-    assert finder.reject(5, "columns differ") == [Defect(5, "columns differ")]
+    assert finder.reject(5, "columns differ") == [Defect(5, MalformedBlock("columns differ"))]
     fed(finder, telemetry.part(half, len(telemetry)))
     # The defect is reported again at its position, between the windows of the two cycles.
     first, defect, second = finder.describe(FLAP)
-    assert defect == Defect(5, "columns differ")
+    assert defect == Defect(5, MalformedBlock("columns differ"))
     assert [item.number for item in only(Segment, [first, second])] == [0, 1]
 
 
@@ -146,7 +147,7 @@ def test_setting_that_the_motion_does_not_satisfy_is_named_after_three_motions()
     assert finder.obstacle == (
         "window_s = 0.06 s: the longest motion after a rest of 0.01 s lasts 0.05 s"
     )
-    finder.restart(SETTINGS, "other settings")
+    finder.restart(SETTINGS, SettingsChanged())
     assert finder.obstacle == ""
     fed(finder, cycles(4, first_index=4 * len(CYCLE) + 1))
     assert (finder.windows, finder.obstacle) == (4, "")

@@ -21,7 +21,7 @@ from ema_monitor.health import (
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.joint.comparison import Comparison, FigureChange
 from ema_monitor.quantities import FRICTION, PLAY, TORQUE, VISCOUS
-from ema_monitor.reasons import Unjudged, WindowUnusable
+from ema_monitor.reasons import StatedReason, Unjudged
 
 from .comparisons import (
     CASES,
@@ -163,7 +163,7 @@ def test_confidence_decreases_as_the_fit_approaches_its_limit(
     limit: float, share: float, confidence: float
 ):
     made = estimate(
-        goodness_of_fit=share * limit, goodness_limit=limit, reasons=(WindowUnusable("a poor fit"),)
+        goodness_of_fit=share * limit, goodness_limit=limit, reasons=(StatedReason("a poor fit"),)
     )
     health = assess(made, LIMITS)
     assert health.confidence == pytest.approx(confidence)
@@ -336,7 +336,6 @@ def test_warning_is_never_next_to_the_index_of_a_new_unit(name: str):
 
 def test_departed_estimate_of_a_modelled_drive_never_has_the_index_of_a_new_unit():
     health = assess(
-        estimate(verdict="departed", reasons=(WindowUnusable("the current is 12 % higher"),)),
-        LIMITS,
+        estimate(verdict="departed", reasons=(StatedReason("the current is 12 % higher"),)), LIMITS
     )
     assert (health.level, health.health_index) == (WARN, 0.99)

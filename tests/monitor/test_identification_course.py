@@ -14,6 +14,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -146,7 +147,9 @@ def test_invalid_previous_estimate_is_refused(windows_of, calibration, descripti
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
     search = SearchSettings("pso", seed=3)
     for item, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
-        estimate = identify(Refusal(5, 9, "gap of 3 samples"), description, item, search)
+        estimate = identify(
+            Refusal(5, 9, StatedReason("gap of 3 samples")), description, item, search
+        )
         assert (estimate.valid, estimate.reason) == (False, "gap of 3 samples")
         assert (estimate.start_ns, estimate.end_ns) == (5, 9)
         assert (estimate.algorithm, estimate.seed, estimate.evaluations) == ("pso", 3, 0)
@@ -184,7 +187,10 @@ def test_search_begins_at_the_last_valid_estimate_of_the_same_unit_and_calibrati
     assert (cold.warm_start, warm.warm_start) == (False, True)
     assert warm.evaluations < cold.evaluations
     # A refused window changes nothing.
-    for item, by in ((Refusal(5, 9, "gap"), calibration), (window, "there is no calibration")):
+    for item, by in (
+        (Refusal(5, 9, StatedReason("gap")), calibration),
+        (window, "there is no calibration"),
+    ):
         assert not identified(item, by=by).valid
     expected = identify(window, description, calibration, previous=warm.faults)
     np.testing.assert_array_equal(identified().faults, expected.faults)

@@ -14,6 +14,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.trigger import Refusal
 from ema_sim.actuator import SimulatedActuator
 
@@ -126,7 +127,7 @@ def test_only_a_refusal_for_lack_of_a_calibration_has_no_identity(window, calibr
     """A drive that failed or stood still had its calibration in any case."""
     slower = changed(window, sample_period=2e-4)
     still = changed(window, **standing(window.telemetry, 22.0))
-    cut = Refusal(0, 1, "the calibration was running")
+    cut = Refusal(0, 1, StatedReason("the calibration was running"))
     assert identify(window, description, "no file").lacks_calibration
     assert identify(window, OTHER_UNIT, calibration).lacks_calibration
     assert identify(slower, description, calibration).lacks_calibration

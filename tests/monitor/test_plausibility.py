@@ -72,4 +72,4 @@ def test_motion_of_a_noisy_actuator_at_its_limits_is_possible(period, noise):
         speed=telemetry.speed[::step] + 1e4 * noise * rng.standard_normal(len(command[::step])),
         current=telemetry.current[::step],
     )
-    assert impossible_motion(part, PARAMETERS) == ""
+    assert impossible_motion(part, PARAMETERS) is None

@@ -39,6 +39,8 @@ _NAMES: dict[str, Any] = {
         DepartedFigure("error_scatter_forward", 1.5, math.inf, math.inf),
     ),
     "states": (StateProbability("dry", 0.9), StateProbability("worn", 0.1)),
+    "missing": ("current",),
+    "missing_before": (),
     "changed": ("friction", "gravity"),
     "differences": (
         ("serial_number", "B", "A"),

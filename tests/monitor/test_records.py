@@ -12,6 +12,7 @@ from ema_core.acquisition import Acquisition
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.reasons import MalformedBlock
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.records import MOST_RECORD_SAMPLES, RecordTrigger, stands_still
 from ema_monitor.windows.trigger import ANY_MOTION, Defect, Refusal, TriggerSettings
@@ -191,7 +192,7 @@ def test_rejected_block_and_changed_description_end_a_record():
     record, defect = finder.reject(whole.stamp_at(400), "no telemetry")
     assert isinstance(record, Segment)
     assert spans([record])[0][:2] == (1, 400)
-    assert defect == Defect(whole.stamp_at(400), "no telemetry")
+    assert defect == Defect(whole.stamp_at(400), MalformedBlock("no telemetry"))
     finder.feed(whole.part(400, 800))
     replaced = replace(UNKNOWN, serial_number="B-2")
     record, defect = finder.describe(replaced)

@@ -11,6 +11,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP, approach_depth, approach_travel, build_cycle
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.reasons import SettingsChanged
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
 
@@ -279,12 +280,12 @@ def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):
 
 def test_interrupted_stream_refuses_the_open_window(two_cycles):
     """Only the receiver knows of the interruption, for example by a different source."""
-    trigger = WindowTrigger(PARAMETERS)
+    trigger, why = WindowTrigger(PARAMETERS), SettingsChanged()
     feed(two_cycles[:22], trigger)
-    assert trigger.interrupt(stamp(2200), "why") == Defect(stamp(2200), "why")
+    assert trigger.interrupt(stamp(2200), why) == Defect(stamp(2200), why)
     assert feed(two_cycles[22:90], trigger) == []
-    refusal = trigger.interrupt(stamp(9050), "why")
-    assert refusal == Refusal(stamp(STARTS[0]), stamp(9000), "why")
+    refusal = trigger.interrupt(stamp(9050), why)
+    assert refusal == Refusal(stamp(STARTS[0]), stamp(9000), why)
     assert trigger.finish() == []
 
 

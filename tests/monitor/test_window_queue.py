@@ -11,6 +11,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.node.work.window_queue import MOST_REFUSALS, WindowQueue
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -19,7 +20,7 @@ from ..waiting import DEADLINE_S
 from .windows import window_from
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
-REFUSAL = Refusal(5, 6, "gap")
+REFUSAL = Refusal(5, 6, StatedReason("gap"))
 FLAP = ActuatorDescription().actuator_id
 
 

@@ -12,7 +12,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.trigger import Refusal
 
 UNIT = ("flap", "SIM-0001")
@@ -35,8 +35,8 @@ def made_test(
     end_ns = FIRST_NS + round(number * PERIOD_NS)
     if not valid:
         reason = "a phase is open" if failed else "a gap of 3 samples"
-        window = Refusal(end_ns - 500_000_000, end_ns, reason)
-        return refusal(window, "", SearchSettings(), WindowUnusable(reason), is_failure=failed)
+        window = Refusal(end_ns - 500_000_000, end_ns, StatedReason(reason))
+        return refusal(window, "", SearchSettings(), StatedReason(reason), is_failure=failed)
     k = fault_vector(faults)
     if seed is not None:
         rng = np.random.default_rng([seed, round(number)])

@@ -26,7 +26,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 )
 from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import StatedReason
 from ema_monitor.unit import Unit
 
 from .lived_units import (
@@ -345,9 +345,7 @@ def after(*tests: Estimate) -> list[Outlook]:
 
 def departed(number: int, *, valid: bool = True) -> Estimate:
     words = "departed (1 in 1,000 healthy tests does so): the current is rough"
-    return replace(
-        made_test(number, valid=valid), verdict=DEPARTED, reasons=(WindowUnusable(words),)
-    )
+    return replace(made_test(number, valid=valid), verdict=DEPARTED, reasons=(StatedReason(words),))
 
 
 @pytest.mark.parametrize("valid", [True, False])

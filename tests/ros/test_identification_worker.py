@@ -22,7 +22,7 @@ from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node.work import worker as identification_worker
 from ema_monitor.node.work.worker import IdentificationWorker
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import MonitorInactive, StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -156,10 +156,14 @@ def test_window_outside_of_start_and_stop_is_refused(published: Published):
     published.until(lambda: len(published.estimates) == 1)
     worker.stop()
     assert worker.status()[0] == WARN
-    for segment in (found(2), found(3, Refusal(5, 6, "gap"))):
+    for segment in (found(2), found(3, Refusal(5, 6, StatedReason("gap")))):
         assert not worker.add(segment)
-        worker.refuse(segment, "not active", is_dropped=True)
-    assert published.estimates == [(1, "no calibration"), (2, "not active"), (3, "gap")]
+        worker.refuse(segment, MonitorInactive(), is_dropped=True)
+    assert published.estimates == [
+        (1, "no calibration"),
+        (2, "the monitor is not active"),
+        (3, "gap"),
+    ]
 
 
 def test_windows_that_wait_at_the_stop_are_refused_in_order(
@@ -242,7 +246,9 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     """The stretches combined before are published, the unfinished stretch is not."""
     monkeypatch.setattr(combination, "ModelIdentification", _Endless)
     monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
-    estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), WindowUnusable("combined so far"))
+    estimate = refusal(
+        Refusal(5, 6, StatedReason("")), "", SearchSettings(), StatedReason("combined so far")
+    )
     monkeypatch.setattr(Combination, "finish", lambda _: [estimate])
     _Endless.begun.clear()
     worker = published.worker()

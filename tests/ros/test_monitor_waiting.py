@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from ema_core.faults import healthy_faults
 from ema_monitor import diagnosis
 from ema_monitor.identification.estimate import refusal
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -33,7 +33,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
             yield None
         calibration, settings = arguments[1:3]
         return replace(
-            refusal(window, calibration, settings, WindowUnusable("")),
+            refusal(window, calibration, settings, StatedReason("")),
             valid=True,
             faults=healthy_faults(),
             covariance=1e-6 * np.eye(8),

@@ -35,8 +35,8 @@ _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type
 _LONGEST_REASON: Final = 200
 _MOST_NAMED: Final = 3
 _USUAL_REASON: Final = (
-    "SELECT reason FROM refused WHERE number IS NOT NULL "
-    "GROUP BY 1 ORDER BY count(*) DESC, 1 LIMIT 1"
+    "SELECT arg_min(reason, (bag, number)) FROM refused WHERE number IS NOT NULL "
+    "GROUP BY codes ORDER BY count(*) DESC, codes LIMIT 1"
 )
 
 

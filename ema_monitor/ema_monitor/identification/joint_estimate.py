@@ -58,7 +58,6 @@ from ema_monitor.reasons import (
     SpikesRemoved,
     TooFewRows,
     TooFewStrokes,
-    WindowUnusable,
     mistake_row,
 )
 from ema_monitor.windows.records import stands_still
@@ -111,8 +110,7 @@ def identify_record(
     started = time.perf_counter()
     if isinstance(window, Refusal):
         is_lost = window.is_dropped or window.is_cut_off
-        reason = WindowUnusable(window.reason)
-        return _refused(window, calibration, reason, verdict=SKIPPED if is_lost else REFUSED)
+        return _refused(window, calibration, window.cause, verdict=SKIPPED if is_lost else REFUSED)
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
         return _refused(window, calibration, OtherUnit(mismatch), lacks_calibration=True)

@@ -36,7 +36,6 @@ from ema_monitor.reasons import (
     OtherUnit,
     Reason,
     UncertaintyUnknown,
-    WindowUnusable,
     WrongScale,
 )
 from ema_monitor.windows.trigger import Refusal
@@ -130,7 +129,7 @@ class ModelIdentification:
         """
         window, calibration = self.window, self.calibration
         if isinstance(window, Refusal):
-            return self._refused(WindowUnusable(window.reason))
+            return self._refused(window.cause)
         if isinstance(calibration, str):
             return self._refused(NoCalibration(calibration), lacks_calibration=True)
         result = yield from self._search(window, calibration)

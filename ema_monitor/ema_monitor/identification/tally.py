@@ -9,6 +9,8 @@ from typing import Any, Final, NamedTuple, Self
 from ema_core.quantity import Checked, quantity
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -54,13 +56,18 @@ class Tally(NamedTuple):
     """Stretches that the monitor dropped because its queue was full."""
     fruitless: int = 0
     """Combinations in which no fault reached the target accuracy."""
-    reason: str = ""
-    """Reason for the latest refused or dropped stretch; empty after an estimate."""
+    reasons: tuple[Reason, ...] = ()
+    """Reasons for the latest refused or dropped stretch; empty after an estimate."""
 
-    def plus(self, because: str | None = None, **more: int) -> Self:
+    @property
+    def reason(self) -> str:
+        """The reasons as a sentence."""
+        return joined(self.reasons)
+
+    def plus(self, because: tuple[Reason, ...] | None = None, **more: int) -> Self:
         """Return the tally with counts increased by ``more``, and with a new reason if passed."""
         counts = {name: getattr(self, name) + number for name, number in more.items()}
-        return self._replace(reason=self.reason if because is None else because, **counts)
+        return self._replace(reasons=self.reasons if because is None else because, **counts)
 
     def __str__(self) -> str:
         words = (
@@ -94,7 +101,7 @@ class Combining(ABC):
         self.tally = self.tally.plus(stretches=1)
         if isinstance(stretch, Refusal):
             counted_as = "dropped" if stretch.is_dropped else "refused"
-            self.tally = self.tally.plus(stretch.reason, **{counted_as: 1})
+            self.tally = self.tally.plus((stretch.cause,), **{counted_as: 1})
         else:
             yield from self._process(stretch)
 
@@ -125,17 +132,17 @@ class Combining(ABC):
 
         If ``is_identified``, the search gave an estimate that was not accepted.
         """
-        self.tally = self.tally.plus(refused.reason, refused=1)
+        self.tally = self.tally.plus(refused.reasons, refused=1)
         # An identified stretch may have motion that the model cannot follow: it is only counted.
         self._refused_in_a_row += not is_identified
         is_reported = self._refused_in_a_row == _REFUSED_IN_A_ROW and not is_identified
         return [replace(refused, stretches=1)] if is_reported else []
 
-    def _concluded(self, estimate: Estimate | None, reason: str | None = None) -> list[Estimate]:
+    def _concluded(self, estimate: Estimate | None) -> list[Estimate]:
         """Count a finished combination; return its estimate, or an empty list without one."""
         if estimate is None:
-            self.tally = self.tally.plus(reason, fruitless=1)
+            self.tally = self.tally.plus(fruitless=1)
             return []
         self._pause_ns = estimate.end_ns, estimate.end_ns + round(self._settings.pause_s * 1e9)
-        self.tally = self.tally._replace(reason="")
+        self.tally = self.tally._replace(reasons=())
         return [estimate]

@@ -12,6 +12,7 @@ from typing import Final
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, lost_between
 from ema_core.wording import counted
+from ema_monitor.reasons import DescriptionChanged, MalformedBlock, OtherPeriod, Reason
 from ema_monitor.windows.records import LEAST_MOTION_S, MOST_RECORD_SAMPLES, RecordTrigger
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
@@ -207,29 +208,29 @@ class WindowFinder:
         """
         if description == self.description:
             return []
-        events = self.restart(self._settings, "the description of the actuator changed")
+        events = self.restart(self._settings, DescriptionChanged())
         self.description = description
         self._trigger = _trigger(description, self._settings)
         self._period_reported = False
         undescribed, self._undescribed = self._undescribed, deque()
         for item in undescribed:
             if isinstance(item, Defect):
-                events += self._number(self._trigger.end_piece(item.stamp_ns, item.reason))
+                events += self._number(self._trigger.end_piece(item.stamp_ns, item.cause))
             else:
                 events += self._scan(item, self._trigger, description)
         return events
 
-    def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
+    def restart(self, settings: TriggerSettings, cause: Reason) -> list[Segment | Defect]:
         """Restart with new settings; return the completed windows and defects.
 
-        ``reason`` is the reason for the end of an open window.
+        ``cause`` is the reason for the end of an open window.
         """
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
         self._run = self._longest_run = 0
         events: list[Segment | Defect] = []
         if self._trigger is not None and self._last is not None:
-            events = self._number(self._trigger.end_piece(self._last.stamp_ns, reason))
+            events = self._number(self._trigger.end_piece(self._last.stamp_ns, cause))
         if self.description is not None:
             self._trigger = _trigger(self.description, settings)
         return events
@@ -254,14 +255,15 @@ class WindowFinder:
             return []
         return self._scan(block, self._trigger, self.description)
 
-    def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
+    def reject(self, stamp_ns: int, error: str) -> list[Segment | Defect]:
         """Process an invalid block, given its timestamp [ns] and the reason; return the events."""
         self.blocks += 1
+        cause = MalformedBlock(error)
         if self._trigger is None:
-            defect = Defect(stamp_ns, reason)
+            defect = Defect(stamp_ns, cause)
             self._keep(defect)
             return [defect]
-        return self._number(self._trigger.end_piece(stamp_ns, reason))
+        return self._number(self._trigger.end_piece(stamp_ns, cause))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
         """End the current piece of telemetry if a block does not continue it.
@@ -299,11 +301,7 @@ class WindowFinder:
         period = description.sample_period
         if not self._period_reported and abs(block.sample_period / period - 1.0) > 1e-6:
             self._period_reported = True
-            reason = (
-                f"the description gives one sample every {period:g} s, the telemetry "
-                f"{block.sample_period:g} s, which is used"
-            )
-            events.append(Defect(block.stamp_ns, reason))
+            events.append(Defect(block.stamp_ns, OtherPeriod(period, block.sample_period)))
         return events + self._number(trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:

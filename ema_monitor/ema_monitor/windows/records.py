@@ -12,6 +12,7 @@ import numpy as np
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, lost_between
+from ema_monitor.reasons import Reason, TooManySamples
 from ema_monitor.windows.blocks import BlockStamp, LatestBlocks
 from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
 from ema_monitor.windows.trigger import (
@@ -162,8 +163,8 @@ class RecordTrigger(WindowTrigger):
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Process the next block; return the completed records, refusals and defects."""
         events = self.split(block)
-        if reason := not_finite(block) or self._too_many(block):
-            return [*events, *self.end_piece(block.stamp_ns, reason)]
+        if cause := not_finite(block) or self._too_many(block):
+            return [*events, *self.end_piece(block.stamp_ns, cause)]
         if self._bins is None:
             begin = self._piece_begin = self._free_from = self._dropped = block.first_index
             self._bins = PositionBins(block.sample_period, begin)
@@ -186,17 +187,17 @@ class RecordTrigger(WindowTrigger):
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """End the current piece of telemetry if a block does not continue it; return the events."""
         last = self._latest.last
-        if last is None or not (reason := break_between(last, block)):
+        if last is None or not (cause := break_between(last, block)):
             return []
         lost = None if not_finite(block) else lost_between(last, block)
         if lost is None:
-            return self.end_piece(block.stamp_ns, reason)
+            return self.end_piece(block.stamp_ns, cause)
         self.interpolated += len(lost)
         return self._process(lost)
 
-    def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
+    def end_piece(self, stamp_ns: int, cause: Reason) -> list[Window | Refusal | Defect]:
         """End the current piece of telemetry at a timestamp [ns]; return the completed events."""
-        events: list[Window | Refusal | Defect] = [*self.finish(), Defect(stamp_ns, reason)]
+        events: list[Window | Refusal | Defect] = [*self.finish(), Defect(stamp_ns, cause)]
         self.reset()
         return events
 
@@ -218,15 +219,13 @@ class RecordTrigger(WindowTrigger):
         self.reset()
         return events
 
-    def _too_many(self, block: Telemetry) -> str:
+    def _too_many(self, block: Telemetry) -> Reason | None:
         """Return the reason why a record would have too many samples, or ""."""
         needed = round(LEAST_MOTION_S / block.sample_period)
         if needed <= MOST_RECORD_SAMPLES // 2:
-            return ""
-        return (
-            f"sample_period = {block.sample_period:g} s: a record of {LEAST_MOTION_S:g} s would "
-            f"have {needed:,} samples, expected at most {MOST_RECORD_SAMPLES // 2:,}"
-        )
+            return None
+        most = MOST_RECORD_SAMPLES // 2
+        return TooManySamples(block.sample_period, LEAST_MOTION_S, needed, most, is_record=True)
 
     def _follow(self, bins: Sequence[PositionBin], h: float) -> list[Window | Refusal]:
         """Process position bins; return the completed records. ``h`` is the sample period [s]."""
@@ -379,8 +378,8 @@ class RecordTrigger(WindowTrigger):
     @staticmethod
     def _checked(window: Window, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
         """Return the record, or its refusal if timestamps contradict the sample period."""
-        if reason := rate_defect(window.sample_period, first, last):
-            return Refusal(window.start_ns, window.end_ns, reason)
+        if cause := rate_defect(window.sample_period, first, last):
+            return Refusal(window.start_ns, window.end_ns, cause)
         return window
 
     def _shortfall(self, moved_s: float, travel: float) -> str:

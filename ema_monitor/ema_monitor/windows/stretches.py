@@ -8,6 +8,7 @@ import numpy as np
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, join
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.trigger import (
     LEAST_REST,
     Defect,
@@ -55,13 +56,13 @@ class StretchTrigger(WindowTrigger):
         self._waited = 0
         self._play: float | None = None
 
-    def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
+    def interrupt(self, stamp_ns: int, cause: Reason) -> Refusal | Defect:
         """Drop the buffered blocks, and return a defect.
 
         An incomplete stretch is not reported as lost.
         """
         self._start = None
-        return super().interrupt(stamp_ns, reason)
+        return super().interrupt(stamp_ns, cause)
 
     def finish(self) -> Sequence[Window | Refusal]:
         """Return an empty list: an incomplete stretch is not reported as lost."""

@@ -5,6 +5,7 @@ Decisions only depend on running indices and timestamps, never on reception time
 gives the same windows.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +17,21 @@ from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import Checked, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
-from ema_core.wording import counted
+from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import (
+    ColumnsChanged,
+    IndexWentBack,
+    PayloadChanged,
+    PeriodChanged,
+    Reason,
+    SamplesLost,
+    SamplesNotFinite,
+    StampsOffPeriod,
+    TelemetryEnded,
+    TimeWentBack,
+    TooManyBlocks,
+    TooManySamples,
+)
 from ema_monitor.windows.blocks import BlockStamp
 from ema_monitor.windows.plausibility import impossible_motion
 from ema_monitor.windows.window import Window
@@ -36,9 +51,6 @@ TEST_CYCLE: Final = "test_cycle"
 ANY_MOTION: Final = "any_motion"
 """Setting ``windows``: stretches of ordinary motion are combined into estimates."""
 
-INDEX_WENT_BACK: Final = "the sample index went back"
-"""Beginning of the reason if blocks are out of order, for example from two publishers."""
-
 LEAST_REST: Final = 2
 """Smallest number of equal samples in a rest, for any sample period."""
 
@@ -54,12 +66,17 @@ class Refusal:
     """Timestamp of the first sample of the window [ns]."""
     end_ns: int
     """Timestamp of the last sample of the window [ns]."""
-    reason: str
+    cause: Reason
     """Reason why the window cannot be used."""
     is_dropped: bool = False
     """Whether the monitor dropped a usable window: its queue was full, or it was not active."""
     is_cut_off: bool = False
     """Whether the telemetry ended before the window was complete."""
+
+    @property
+    def reason(self) -> str:
+        """The cause as a sentence."""
+        return text_of(self.cause)
 
 
 @dataclass(frozen=True)
@@ -67,7 +84,12 @@ class Defect:
     """Defect of the stream outside any window, at ``stamp_ns`` [ns]."""
 
     stamp_ns: int
-    reason: str
+    cause: Reason
+
+    @property
+    def reason(self) -> str:
+        """The cause as a sentence."""
+        return text_of(self.cause)
 
 
 @dataclass(frozen=True)
@@ -157,8 +179,8 @@ class WindowTrigger:
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Process the next block; return the completed windows, refusals and defects."""
         events = self.split(block)
-        if reason := not_finite(block) or self._too_many(block):
-            events.append(self.interrupt(block.stamp_ns, reason))
+        if cause := not_finite(block) or self._too_many(block):
+            events.append(self.interrupt(block.stamp_ns, cause))
             return events
         self._blocks.append(block)
         events += self._scan(block)
@@ -167,26 +189,28 @@ class WindowTrigger:
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """End the current piece of telemetry if a block does not continue it; return the events."""
-        if self._blocks and (reason := break_between(self._blocks[-1], block)):
-            return self.end_piece(block.stamp_ns, reason)
+        if self._blocks and (cause := break_between(self._blocks[-1], block)):
+            return self.end_piece(block.stamp_ns, cause)
         return []
 
-    def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
+    def end_piece(self, stamp_ns: int, cause: Reason) -> list[Window | Refusal | Defect]:
         """End the current piece of telemetry at a timestamp [ns]; return the completed events."""
-        return [self.interrupt(stamp_ns, reason)]
+        return [self.interrupt(stamp_ns, cause)]
 
-    def _too_many(self, block: Telemetry) -> str:
+    def _too_many(self, block: Telemetry) -> Reason | None:
         """Return the reason why a window would exceed the memory limits, or ""."""
         samples = round(self.settings.window_s / block.sample_period)
         if samples > MOST_SAMPLES // 2:
-            return (
-                f"sample_period = {block.sample_period:g} s: a window of "
-                f"{self.settings.window_s:g} s would have {samples:,} samples, expected at most "
-                f"{MOST_SAMPLES // 2:,}"
+            return TooManySamples(
+                block.sample_period,
+                self.settings.window_s,
+                samples,
+                MOST_SAMPLES // 2,
+                is_record=False,
             )
         if len(self._blocks) >= MOST_BLOCKS and self._is_needed(self._blocks[0]):
-            return f"the window has more than {MOST_BLOCKS:,} blocks"
-        return ""
+            return TooManyBlocks(MOST_BLOCKS)
+        return None
 
     def finish(self) -> Sequence[Window | Refusal]:
         """End the telemetry; return the refusal of an incomplete window, if there is one."""
@@ -195,20 +219,17 @@ class WindowTrigger:
         first, last = self._blocks_from(self._start)[0], self._blocks[-1]
         start_ns = first.stamp_at(self._start - first.first_index)
         end_ns = last.stamp_at(len(last) - 1)
-        reason = (
-            f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
-            f"{self.settings.window_s:g} s"
-        )
-        return [Refusal(start_ns, end_ns, reason, is_cut_off=True)]
+        cause = TelemetryEnded((end_ns - start_ns) * 1e-9, self.settings.window_s)
+        return [Refusal(start_ns, end_ns, cause, is_cut_off=True)]
 
-    def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
+    def interrupt(self, stamp_ns: int, cause: Reason) -> Refusal | Defect:
         """Drop the buffered blocks after an interruption of the stream at a timestamp [ns].
 
         Returns the refusal of the open window, or a defect if no window is open.
         """
-        refused = [Refusal(cut.start_ns, cut.end_ns, reason) for cut in self.finish()]
+        refused = [Refusal(cut.start_ns, cut.end_ns, cause) for cut in self.finish()]
         self.reset()
-        return refused[0] if refused else Defect(stamp_ns, reason)
+        return refused[0] if refused else Defect(stamp_ns, cause)
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Process the commands of a block, sample by sample."""
@@ -262,10 +283,10 @@ class WindowTrigger:
             for block in held
             if start <= block.first_index <= start + samples
         ]
-        if inside and (reason := rate_defect(telemetry.sample_period, inside[0], inside[-1])):
-            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
-        if reason := impossible_motion(telemetry, self._parameters):
-            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
+        if inside and (cause := rate_defect(telemetry.sample_period, inside[0], inside[-1])):
+            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), cause)
+        if cause := impossible_motion(telemetry, self._parameters):
+            return telemetry, Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), cause)
         return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
@@ -316,63 +337,46 @@ def _largest_fall(command: NDArray[np.float64]) -> float:
     return float(np.max(np.maximum.accumulate(command) - command))
 
 
-def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> str:
-    """Return a message if the timestamps of two blocks contradict the sample period [s], or ""."""
+def rate_defect(
+    sample_period: float, first: BlockStamp, last: BlockStamp
+) -> StampsOffPeriod | None:
+    """Return the reason why the stamps of two blocks contradict the sample period [s], or None."""
     if last.first_index <= first.first_index:
-        return ""
+        return None
     period = (last.stamp_ns - first.stamp_ns) * 1e-9 / (last.first_index - first.first_index)
     if abs(period / sample_period - 1.0) <= _RATE_TOLERANCE:
-        return ""
-    return f"the stamps give one sample every {period:.4g} s, the blocks {sample_period:.4g} s"
+        return None
+    return StampsOffPeriod(period, sample_period)
 
 
-def break_between(last: Telemetry, block: Telemetry) -> str:
-    """Return a message about a discontinuity between two successive blocks, or ""."""
+def break_between(last: Telemetry, block: Telemetry) -> Reason | None:
+    """Return the discontinuity between two successive blocks, or None."""
     if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
-        return (
-            f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
-        )
+        return PeriodChanged(last.sample_period, block.sample_period)
     if block.missing != last.missing:
-        return (
-            f"{_columns(block.missing)} measured from index {block.first_index} on, "
-            f"{_columns(last.missing)} before"
-        )
+        return ColumnsChanged(tuple(block.missing), tuple(last.missing), block.first_index)
     if block.has_payload != last.has_payload:
-        side = "from" if block.has_payload else "before"
-        return f"the payload is only known {side} index {block.first_index}"
+        return PayloadChanged(block.has_payload, block.first_index)
     expected = last.first_index + len(last)
     if block.first_index > expected:
-        return (
-            f"gap of {counted(block.first_index - expected, 'sample')}: index "
-            f"{block.first_index} follows {expected - 1}"
-        )
+        return SamplesLost(expected, block.first_index)
     if block.first_index < expected:
-        return f"{INDEX_WENT_BACK} from {expected - 1} to {block.first_index}"
+        return IndexWentBack(expected - 1, block.first_index)
     if block.stamp_ns <= last.stamp_ns:
-        return (
-            f"time ran backwards by {(last.stamp_ns - block.stamp_ns) * 1e-9:g} s at index "
-            f"{block.first_index}"
-        )
-    return ""
+        return TimeWentBack((last.stamp_ns - block.stamp_ns) * 1e-9, block.first_index)
+    return None
 
 
-def _columns(missing: tuple[str, ...]) -> str:
-    return f"no {' and no '.join(missing)}" if missing else "all columns"
-
-
-def not_finite(block: Telemetry) -> str:
-    """Return a message about samples that are not finite or too large for computation, or ""."""
+def not_finite(block: Telemetry) -> SamplesNotFinite | None:
+    """Return the samples that are not finite or too large for computation, or None."""
     columns = [getattr(block, name) for name in COLUMNS]
     if np.maximum.reduce(np.abs(np.concatenate(columns))) < _LARGEST:
-        return ""
+        return None
     for name, column in zip(COLUMNS, columns, strict=True):
         bad = np.flatnonzero(~(np.abs(column) < _LARGEST))
         if bad.size:
-            expected = "finite numbers"
-            if np.all(np.isfinite(column[bad])):
-                expected = f"numbers below {_LARGEST:g}"
-            return (
-                f"{name} is {column[bad[0]]} at index {block.first_index + int(bad[0])} "
-                f"({bad.size} such samples in its block): expected {expected}"
-            )
-    return ""
+            first = int(bad[0])
+            largest = _LARGEST if np.all(np.isfinite(column[bad])) else math.nan
+            value, index = float(column[first]), block.first_index + first
+            return SamplesNotFinite(name, value, index, int(bad.size), largest)
+    return None

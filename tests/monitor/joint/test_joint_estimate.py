@@ -26,6 +26,7 @@ from ema_monitor.identification.joint_estimate import comparable_record, identif
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.wording import finding
+from ema_monitor.reasons import StatedReason
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -423,7 +424,7 @@ def test_joint_that_is_not_driven_has_not_failed(plain):
     [({}, REFUSED), ({"is_dropped": True}, SKIPPED), ({"is_cut_off": True}, SKIPPED)],
 )
 def test_refused_window_keeps_its_reason(plain, how, verdict):
-    result = identify_record(Refusal(1, 2, "some reason", **how), described(), plain)
+    result = identify_record(Refusal(1, 2, StatedReason("some reason"), **how), described(), plain)
     assert (result.verdict, result.reason, result.valid) == (verdict, "some reason", False)
 
 

@@ -243,7 +243,7 @@ def test_refusal_that_mentions_a_calibration_is_not_a_calibration_event():
 
 def test_record_of_a_learning_joint_is_not_a_calibration_event():
     history = ActuatorHistory("flap", "1")
-    for sec, codes in ((6, ["learning"]), (7, ["learning", "window_unusable"]), (8, ["learning"])):
+    for sec, codes in ((6, ["learning"]), (7, ["learning", "samples_lost"]), (8, ["learning"])):
         record = estimate(sec, sec)
         record.valid, record.verdict = False, FaultEstimate.REFUSED
         record.lacks_calibration, record.reason_codes = True, codes

@@ -18,11 +18,13 @@ from ema_monitor.node.publish.unit_status import telemetry_status, unit_tasks
 from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import MonitorInactive
 from ema_monitor.windows.finder import WindowFinder
 from ema_ros.node_parameters import LiveSettings
 from ema_ros.status import STALE, Task
 
-NOT_ACTIVE: Final = "the monitor is not active"
+NOT_ACTIVE: Final = text_of(MonitorInactive())
 _MOST_NAMED: Final = 10
 
 

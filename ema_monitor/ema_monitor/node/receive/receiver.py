@@ -13,7 +13,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from ema_core.description import ActuatorDescription, check_name
 from ema_interfaces.srv import ForgetActuator
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
-from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
+from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.receive.admission import Admission
 from ema_monitor.node.receive.arrivals import Arrivals
@@ -22,6 +22,7 @@ from ema_monitor.node.settings import Operation
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
 from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.reasons import MonitorInactive, MonitorStopped, SettingsChanged, Stage
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_ros import topics
@@ -190,7 +191,7 @@ class Receiver:
         with self._receiving():
             self._sources.trigger = settings
             for source in self._sources.values():
-                events = source.intake.restart(settings, "the settings of the window changed")
+                events = source.intake.restart(settings, SettingsChanged())
                 # Without an open window, the change is not a defect.
                 self._deliver(source, [event for event in events if isinstance(event, Segment)])
 
@@ -328,7 +329,7 @@ class Receiver:
             yield
         while self._not_queued:
             segment = self._not_queued.popleft()
-            self._worker.refuse(segment, NOT_ACTIVE, is_dropped=True)
+            self._worker.refuse(segment, MonitorInactive(), is_dropped=True)
 
     def _deliver(self, source: Source, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
@@ -372,5 +373,5 @@ def _cut_off(segment: Segment) -> Segment:
     window = segment.window
     if isinstance(window, Refusal):
         return segment
-    reason = "the monitor was stopped during the record"
-    return replace(segment, window=Refusal(window.start_ns, window.end_ns, reason, is_cut_off=True))
+    cause = MonitorStopped(Stage.RECORD)
+    return replace(segment, window=Refusal(window.start_ns, window.end_ns, cause, is_cut_off=True))

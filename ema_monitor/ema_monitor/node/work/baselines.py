@@ -22,7 +22,7 @@ from ema_monitor.node.publish.messages import baseline_to_message
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import Operation
 from ema_monitor.reason_texts import text_of
-from ema_monitor.reasons import EffortMissing, NoCalibration, Reason, WindowUnusable
+from ema_monitor.reasons import EffortMissing, NoCalibration, Reason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros.node_parameters import LiveSettings
@@ -111,7 +111,7 @@ class Baselines:
                     return None
                 reason: Reason | None
                 if not isinstance(window, Window):
-                    reason = WindowUnusable(window.reason)
+                    reason = window.cause
                 elif (reason := unusable(window.telemetry, description)) is None:
                     baseline.add(window)
                     change = self._fit(baseline)

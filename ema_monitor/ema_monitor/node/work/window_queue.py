@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import chain
 from typing import Final
 
-from ema_core.wording import counted
+from ema_monitor.reasons import QueueFull
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -159,14 +159,13 @@ def _surplus(queue: deque[Segment], most: int, counts: Callable[[Segment], bool]
 
 def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
     """Replace the oldest windows of a kind beyond ``most`` with refusals. Return these windows."""
-    reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
     dropped = []
     for place in _surplus(
         queue, most, lambda item: item.is_stretch == is_stretch and _is_window(item)
     ):
         dropped.append(oldest := queue[place])
         span = oldest.window.start_ns, oldest.window.end_ns
-        refusal = Refusal(*span, f"{reason} for identification", is_dropped=True)
+        refusal = Refusal(*span, QueueFull(most, is_stretch), is_dropped=True)
         queue[place] = replace(oldest, window=refusal)
     return dropped
 

@@ -23,6 +23,7 @@ from ema_monitor.node.work.prognosis import Prognosis, Reception
 from ema_monitor.node.work.prognosis_calls import PrognosisCalls
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
+from ema_monitor.reasons import MonitorStopped, Stage
 from ema_monitor.windows.finder import Segment
 from ema_ros.managed_node import ManagedNode
 from ema_ros.status import Task
@@ -127,7 +128,7 @@ class Work:
         """
         self.worker.stop()
         for segment in finish():
-            self.worker.refuse(segment, "")
+            self.worker.refuse(segment, MonitorStopped(Stage.RECORD))
         self._follow_ups.stop()
         self.goals.finish()
 

@@ -21,7 +21,7 @@ from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.window_queue import QueueClosedError, WindowQueue
-from ema_monitor.reasons import WindowUnusable
+from ema_monitor.reasons import IdentificationFailed, MonitorStopped, Reason, Stage
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -138,11 +138,9 @@ class IdentificationWorker:
         self.thread.end(_JOIN_S)
         current = self.queue.abandon()
         if current is not None:
-            reason = "the monitor was stopped during the identification"
-            self.refuse(current, reason, is_dropped=True)
+            self.refuse(current, MonitorStopped(Stage.IDENTIFICATION), is_dropped=True)
         for segment in waiting:
-            reason = "the monitor was stopped before the window was identified"
-            self.refuse(segment, reason, is_dropped=True)
+            self.refuse(segment, MonitorStopped(Stage.QUEUE), is_dropped=True)
         for work in list(self.works.values()):
             # A thread that still computes uses the old diagnosis, and publishes nothing.
             if (diagnosis := work.diagnosis) is not None:
@@ -150,8 +148,8 @@ class IdentificationWorker:
                 for diagnosed in diagnosis.finish():
                     self._results.publish(diagnosed)
 
-    def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
-        """Publish a window's refusal by the trigger, or else a refusal with ``reason``.
+    def refuse(self, segment: Segment, cause: Reason, *, is_dropped: bool = False) -> None:
+        """Publish a window's refusal by the trigger, or else a refusal with ``cause``.
 
         Refused stretches of ordinary motion are not published: they are frequent.
         """
@@ -159,10 +157,9 @@ class IdentificationWorker:
             return
         refused, number = segment.window, segment.number
         if isinstance(refused, Window):
-            refused = Refusal(refused.start_ns, refused.end_ns, reason, is_dropped)
+            refused = Refusal(refused.start_ns, refused.end_ns, cause, is_dropped)
         calibration = self._store.of(segment.description)
-        why = WindowUnusable(refused.reason)
-        estimate = refusal(refused, calibration, self._settings.search.value, why)
+        estimate = refusal(refused, calibration, self._settings.search.value, refused.cause)
         diagnosed = Diagnosed(number, number, segment.description, estimate)
         self._results.publish(diagnosed, segment.window)
 
@@ -175,7 +172,7 @@ class IdentificationWorker:
         self._log.report_end(failure, trace)
         current = queue.abandon()
         if current is not None:
-            self.refuse(current, failure)
+            self.refuse(current, IdentificationFailed(failure))
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         actuator_id = segment.description.actuator_id
@@ -190,7 +187,7 @@ class IdentificationWorker:
         diagnosis = work.diagnosis
         where = f"window {segment.number}"
         # A failure in one window must not end the identification of the next.
-        results, reason = list[Diagnosed](), ""
+        results, failure = list[Diagnosed](), ""
         try:
             for step in self._diagnosed(segment, diagnosis):
                 if isinstance(step, Diagnosed):
@@ -198,10 +195,10 @@ class IdentificationWorker:
                 elif queue.is_closed:
                     return
         except Exception as error:
-            reason = str(error)
+            failure = str(error)
             # Unusable settings are not a failure of the program: the estimate names them.
             if not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError):
-                reason = self._log.failed(where, "the identification", error)
+                failure = self._log.failed(where, "the identification", error)
         with queue.publishing(segment) as may_publish:
             if not may_publish:
                 return
@@ -211,13 +208,14 @@ class IdentificationWorker:
                     self._results.publish(diagnosed, window)
                     if isinstance(window, Window):
                         self._baselines.note(diagnosed, window)
-                if reason:
-                    self.refuse(segment, reason)
+                if failure:
+                    self.refuse(segment, IdentificationFailed(failure))
             except Exception as error:
-                reason = self._log.failed(where, "the identification", error)
+                failure = self._log.failed(where, "the identification", error)
             if segment.is_stretch:
                 tally = diagnosis.tally
-                status.tally = tally._replace(reason=reason) if reason else tally
+                failed = (IdentificationFailed(failure),)
+                status.tally = tally._replace(reasons=failed) if failure else tally
 
     def _diagnosed(
         self, segment: Segment, diagnosis: Diagnosis
