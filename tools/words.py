@@ -55,10 +55,7 @@ NAMES: Final = frozenset(
 )
 """Names of variables that are not nouns of the field."""
 
-UNTREATED: Final[tuple[str, ...]] = (
-    *("tests/bags", "tests/cli", "tests/core", "tests/harness", "tests/inputs", "tests/monitor"),
-    *("tests/prognosis", "tests/sim", "tests/study"),
-)
+UNTREATED: Final[tuple[str, ...]] = ()
 """Paths whose docstrings, comments and names are not checked yet."""
 
 PATTERNS: Final = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Schemas, hashes and offered qualities of service equal those of ROS 2; older ones are read."""
+"""Schemas, hashes and qualities of service are the same as in ROS 2; older schemas are read."""
 
 import re
 from pathlib import Path

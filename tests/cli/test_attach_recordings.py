@@ -87,25 +87,25 @@ def test_table_has_level_since_and_change_of_friction(work):
 
 def test_payload_makes_the_friction_of_a_loaded_joint_certain(tmp_path):
     """Friction of the elbow rises to 1.4 times, and is reported as friction."""
-    found = {}
+    reports = {}
     for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
         arm, folder = RobotArm(seed=5, rate=RATE), tmp_path / name
         folder.mkdir()
         write_work(folder / "day_1.csv", arm, 12, NOV_3, joints)
         write_work(folder / "day_2.csv", arm, 10, NOV_3 + 86_400, joints, elbow=0.04)
         result = ema("attach", folder, "--healthy", "2026-11-04", "--json")
-        [found[name]] = json.loads(result.stdout)
+        [reports[name]] = json.loads(result.stdout)
         table = ema("attach", folder, "--healthy", "2026-11-04")
         advice = "effort outside the model makes the size of a change of friction uncertain"
         assert (advice in table.stdout) is (name == "unknown")
     changes = {
-        name: [record["friction"] for record in joint["records"]] for name, joint in found.items()
+        name: [record["friction"] for record in joint["records"]] for name, joint in reports.items()
     }
     last = changes["known"][-1]
     assert 0.25 < last["low"] < last["change"] < last["high"] < 0.5
     width = {name: friction[-1]["high"] - friction[-1]["low"] for name, friction in changes.items()}
     assert width["known"] < 0.3 * width["unknown"]
-    assert found["known"]["level"] in ("WARN", "ERROR")
+    assert reports["known"]["level"] in ("WARN", "ERROR")
 
 
 def test_healthy_joint_ends_with_exit_code_0(work):

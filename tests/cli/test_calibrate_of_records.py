@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema calibrate`` on records, one of which is not healthy."""
+"""``ema calibrate`` on records with a record that is not healthy."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -80,7 +80,7 @@ def test_record_that_cannot_be_used_is_named_with_the_reason(ema, folder: Path, 
 
 @pytest.fixture(scope="module")
 def undated(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return healthy records with a worn one in third place, all of which begin at time 0.
+    """Return healthy records with a worn record in third place; each begins at time 0.
 
     Without dates, the scatter between days is unknown: a record must differ by more to be named.
     """

@@ -31,8 +31,8 @@ def test_help_fits_a_screen_of_40_lines(name):
 @pytest.mark.parametrize("name", _COMMANDS)
 def test_examples_in_the_help_are_valid_commands(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for given in ("moves.csv", "unit_1", "unit_2"):
-        (tmp_path / given).touch()
+    for path in ("moves.csv", "unit_1", "unit_2"):
+        (tmp_path / path).touch()
     printed = CliRunner().invoke(main, [name, "--help"]).stdout
     words = shlex.split(printed.rpartition("Example: ema ")[2])
     assert words[0] == name

@@ -30,7 +30,7 @@ FEWER = replace(FEW, most_tests=4)
 
 @pytest.fixture(scope="module")
 def short():
-    """Make lives of about seven tests, half of which have disturbed windows."""
+    """Make lives of about seven tests; half of the tests have disturbed windows."""
 
     def run(limits, rng, kind, *, with_repair):
         return run_to_failure(limits, rng, kind, FEW, with_repair=with_repair)

@@ -39,7 +39,7 @@ def spoil(source: Path, target: Path) -> dict[str, int]:
                 writer.write(bag.topics_of(TELEMETRY_TYPE)[0], block, item.log_time_ns)
                 malformed[bag.topics_of(TELEMETRY_TYPE)[0]] += 1
                 [described] = bag.topics_of(DESCRIPTION_TYPE)
-                message = next(one.message for one in ros_messages(bag, [described]))
+                message = next(record.message for record in ros_messages(bag, [described]))
                 message.gear_ratio = -1.0
                 writer.write(described, message, item.log_time_ns)
     return malformed

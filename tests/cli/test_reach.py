@@ -19,13 +19,13 @@ LOOPBACK = "127.0.0.1"
 def ports_of(domain: int) -> dict[int, set[str]]:
     """Return the open UDP ports of a DDS domain, with the addresses to which they are bound."""
     first = 7400 + 250 * domain
-    found: dict[int, set[str]] = {}
+    ports: dict[int, set[str]] = {}
     for line in Path("/proc/net/udp").read_text(encoding="utf-8").splitlines()[1:]:
         number, _, port = line.split()[1].partition(":")
         if first <= int(port, 16) < first + 250:
             address = ".".join(str(byte) for byte in reversed(bytes.fromhex(number)))
-            found.setdefault(int(port, 16), set()).add(address)
-    return found
+            ports.setdefault(int(port, 16), set()).add(address)
+    return ports
 
 
 @pytest.mark.slow

@@ -85,7 +85,7 @@ def test_history_agrees_with_the_truth_of_the_sample(replayed):
 
 
 def test_latency_is_left_out_if_the_stamps_are_from_another_time(replayed):
-    # The stamps of the sample begin at 0, those of the recording at the current time.
+    # Stamps of the sample begin at 0, stamps of the recording at the current time.
     labels = [axes.get_ylabel() for axes in draw_history(read_history(replayed)).axes]
     assert labels == ["friction", "eccentricity", "error of\nthe others"]
 

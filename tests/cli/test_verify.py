@@ -165,10 +165,10 @@ def test_estimates_of_a_restarted_monitor_are_identical(
     for entry in kept:
         restarted.begin_at(FLAP, entry.estimate)
     later = next(
-        found
+        windows
         for skipped in range(0, len(blocks) - after, 5)
-        if (found := windows_in(blocks[after + skipped :]))
-        and isinstance(window := found[0].window, Window)
+        if (windows := windows_in(blocks[after + skipped :]))
+        and isinstance(window := windows[0].window, Window)
         and window.play is None
     )
     made += [item for entry in later for item in diagnose_one(restarted, entry)]

@@ -21,7 +21,7 @@ def received(runs: SampleRuns, now_s: float, *indices: int) -> None:
         ((500, 510, 540, 570), 2 + 2, 40, False),
         ((500, 90_000, 510, 520, 530), 0, 0, False),  # a single wrong index
         ((500, 510, 510, 520, 530), 0, 0, False),  # a repeated block
-        # Two publishers, the second of which starts later; each has its own gaps.
+        # Two publishers; the second starts later, and each has its own gaps.
         ((500, 90_000, 510, 90_010, 520), 0, 0, True),
         ((500, 500, 510, 510, 520, 520, 530, 530), 0, 0, True),
         ((500, 90_000, 510, 90_010, 540, 90_050, 550, 90_060), 2 + 3, 50, True),

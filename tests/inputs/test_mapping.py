@@ -200,7 +200,7 @@ def test_speeds_are_those_of_the_motor_shaft(section, expected):
 @pytest.mark.parametrize(
     ("name", "counts"),
     [
-        # Angle [rad], speed of the motor [rad/s] and current [A] that one count stands for.
+        # Angle [rad], speed of the motor [rad/s] and current [A] per count.
         ("dynamixel", (2 * math.pi / 4096, 0.229 * math.pi / 30 * 500, 2.69e-3)),
         ("cia402", (2 * math.pi / 524288 / 500, 2 * math.pi / 524288, 1.27e-3 / P.k_t)),
     ],

@@ -155,7 +155,7 @@ def test_following_error_is_not_mistaken_for_a_speed(guessed):
 
 def test_each_joint_has_its_columns(motion):
     second, _ = moves(20.0, travel=0.2, seed=3)
-    shift = 130  # Its cycles do not coincide with those of the first joint.
+    shift = 130  # The cycles of the two joints do not coincide.
     names = {
         "a_pos": motion["position"],
         "b_pos": np.roll(second["position"], shift),

@@ -149,7 +149,7 @@ RPM = 60.0 / (2.0 * np.pi)
 @pytest.fixture
 def guessed(telemetry, tmp_path):
     """Return a function that guesses from named columns; each is (column, factor)."""
-    own = {
+    columns = {
         "t": telemetry.stamps_ns * 1e-9,
         "p": telemetry.position,
         "c": telemetry.command,
@@ -159,7 +159,7 @@ def guessed(telemetry, tmp_path):
     }
 
     def guess(**named):
-        frame = pd.DataFrame({name: own[key] * factor for name, (key, factor) in named.items()})
+        frame = pd.DataFrame({name: columns[key] * factor for name, (key, factor) in named.items()})
         frame.to_csv(tmp_path / "a.csv", index=False)
         return open_input(tmp_path / "a.csv").guess(FLAP)
 

@@ -44,7 +44,7 @@ def test_demands_of_a_swing_follow_from_its_motion(information):
     assert demands.travel == pytest.approx(0.008, rel=1e-3)
     assert demands.longest == pytest.approx(0.5)
     assert demands.torque == pytest.approx(PARAMETERS.k_t * demands.current)
-    # The motor follows a slow swing: its largest speed is that of the command times the gear ratio.
+    # The motor follows a slow swing: its largest speed is the command's times the gear ratio.
     fastest = np.max(np.abs(np.diff(swing.sample(1e-4)))) / 1e-4 / PARAMETERS.tau
     assert demands.speed == pytest.approx(fastest, rel=0.25)
 

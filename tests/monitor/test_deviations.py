@@ -146,15 +146,15 @@ def test_loads_and_sensors_scale_with_the_actuator():
     double = p.replace({"T_max": 2 * p.T_max, "I_max": 2 * p.I_max, "omega_max": 2 * p.omega_max})
     names = ("load_torque", "load_stiffness", "current_offset", "speed_offset")
     for priors in (hidden_causes, unit_priors):
-        for one, other in zip(priors(p, 0.01), priors(double, 0.01), strict=True):
-            scale = 2.0 if one.name in names else 1.0
-            assert other.sigma == pytest.approx(scale * one.sigma)
-            assert other.reach == pytest.approx(scale * one.reach)
+        for prior, doubled in zip(priors(p, 0.01), priors(double, 0.01), strict=True):
+            scale = 2.0 if prior.name in names else 1.0
+            assert doubled.sigma == pytest.approx(scale * prior.sigma)
+            assert doubled.reach == pytest.approx(scale * prior.reach)
         stiffness = [
-            one.sigma
+            prior.sigma
             for travel in (0.01, 0.02)
-            for one in priors(p, travel)
-            if one.name == "load_stiffness"
+            for prior in priors(p, travel)
+            if prior.name == "load_stiffness"
         ]
         assert stiffness[0] == pytest.approx(2 * stiffness[1])
 

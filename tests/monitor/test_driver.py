@@ -101,7 +101,7 @@ FALLS, SLOW = [8.0, 4.0, 2.0], [8.0 * 0.95**n for n in range(20)]
     ("costs", "termination", "done"),
     [
         ([3.0, 0.0, 0.0], {}, 2),
-        # Three that improve, the first of which has nothing to be compared with, then none.
+        # Three that improve (the first has no earlier generation to compare with), then none.
         *(
             ([*FALLS, *[2.0] * 20], {"stall_generations": n, "tolerance": 0.1}, 3 + n)
             for n in (1, 5)

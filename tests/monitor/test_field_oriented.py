@@ -113,8 +113,8 @@ def test_voltage_limits_the_slope_of_the_current():
     assert (after - I) / 1e-9 == pytest.approx(slope, rel=1e-4)
 
 
-# Rms of the smoothed residual [A]; measured 0.002 to 0.008, of which 0.002 is due to the step of 10
-# us. A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
+# Rms of the smoothed residual [A]; measured 0.002 to 0.008. The step of 10 us causes 0.002 of it.
+# A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
 @pytest.mark.parametrize(
     "faults",
     [

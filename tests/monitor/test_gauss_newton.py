@@ -41,7 +41,7 @@ def damped(point, residuals, jacobian, damping):
 
 
 def excess(matrix, right, x, best):
-    """Return the relative excess of the cost of x over that of the best."""
+    """Return the relative excess of the cost of x over the lowest cost."""
     return np.sum((matrix @ x - right) ** 2) / np.sum((matrix @ best - right) ** 2) - 1.0
 
 
@@ -230,7 +230,7 @@ def test_promise_kept_by_a_good_fit_ends_a_descent():
 
 
 def test_cost_follows_reweighted_residuals():
-    """A step is judged with the weights at its start, and not with those of earlier steps."""
+    """A step is judged with the weights at its start, and not with earlier weights."""
     function = Watched(lambda x: 1.0 / abs(float(x[0]) - 0.5))
     descent = descend(function.problem, FAR, IN_TURN, Stopping(50, step=1e-7))
     assert descent.point == pytest.approx(0.5, abs=1e-6)

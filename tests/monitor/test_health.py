@@ -184,21 +184,21 @@ def test_tracked_value_replaces_the_estimate():
     assert (items["gain"].limit, items["gain"].limit_is_lower) == (0.25, True)
     assert items["backlash"].value == 0.2
     assert (health.level, health.health_index, health.severity) == (ERROR, 0.0, 4)
-    # The window does not show friction, whatever earlier windows showed.
+    # The window does not show friction, but earlier windows do.
     assert "friction" in health.reason
     assert health.confidence == pytest.approx(6 / 7)
 
 
 @pytest.mark.parametrize(
-    ("before", "found", "level"),
+    ("before", "new", "level"),
     [(0.05, 0.06, OK), (0.05, 0.3, WARN), (0.05, 0.9, WARN), (0.3, 0.0, WARN), (0.6, 0.0, ERROR)],
 )
-def test_held_back_value_is_reported_if_a_level_depends_on_it(before, found, level):
-    made = estimate({"friction": found})
+def test_held_back_value_is_reported_if_a_level_depends_on_it(before, new, level):
+    made = estimate({"friction": new})
     health = assess(made, LIMITS, {"friction": Tracked(before, 0.01, doubtful=True)})
     [item] = [item for item in health.faults if item.name == "friction"]
     assert (item.value, item.level) == (before, level)
-    assert (item.held == found) == (level != OK)
+    assert (item.held == new) == (level != OK)
 
 
 @pytest.mark.parametrize(

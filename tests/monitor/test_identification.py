@@ -135,7 +135,7 @@ def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
 
 
 def test_healthy_actuator_has_a_healthy_fit(estimates):
-    # The residual is that of one window, of about 5000 / 20 values: 6 % of scatter.
+    # The residual of one window has about 5000 / 20 independent values: 6 % of scatter.
     assert estimates("healthy").goodness_of_fit == pytest.approx(1.0, abs=0.25)
 
 

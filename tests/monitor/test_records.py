@@ -116,8 +116,8 @@ def test_records_neither_overlap_nor_exceed_twice_their_length(seed: int):
 def test_file_of_25_s_with_short_rests_is_one_record(h: float):
     moves = np.concatenate([np.concatenate([sine(2.0, h=h), rest(3.0, h)]) for _ in range(5)])
     [(first, count, _)] = spans(events_of(telemetry(moves, h), 10))
-    # Everything except the last rest, of which 0.5 s remain; the end of the motion is known to 0.04
-    # s.
+    # Everything except the last rest after its first 0.5 s; the end of the motion is known to
+    # 0.04 s.
     assert first == 1
     assert count * h == pytest.approx(25.0 - 3.0 + 0.5, abs=0.1)
 
@@ -138,7 +138,7 @@ def test_rest_of_5_s_ends_a_record_at_once_and_half_a_second_of_rest_remains():
 def test_long_motion_ends_at_the_first_rest_after_record_s():
     moves = np.concatenate([np.concatenate([sine(7.0), rest(1.0)]) for _ in range(20)])
     first, second, third = seconds(events_of(telemetry(moves)))
-    # The first rest after 60 s begins at 63 s, and that of the next record at 127 s.
+    # The first rest after 60 s begins at 63 s, and the first rest of the next record at 127 s.
     assert first == pytest.approx((0.0, 63.25), abs=0.1)
     assert second == pytest.approx((63.5, 127.25), abs=0.1)
     assert third == pytest.approx((127.5, 159.5), abs=0.1)

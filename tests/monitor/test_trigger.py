@@ -51,7 +51,7 @@ def test_windows_are_at_the_same_samples_for_any_blocks(size):
         start = number * N + last_at_rest(1e-6)
         assert len(window) == 5000
         assert window.telemetry.first_index == 41 + start
-        # Sample 41 + start ends so many periods of 100 us after the time of index 0.
+        # Sample 41 + start ends 41 + start periods of 100 us after the time of index 0.
         assert window.start_ns == START_NS + (41 + start) * PERIOD_NS
         assert window.end_ns == window.start_ns + 500_000_000
         for name in COLUMNS:
@@ -158,13 +158,13 @@ def test_window_has_the_stamp_of_its_own_blocks_if_the_clock_drifts():
         for block in blocks(stream(CYCLE.samples), 100)
     ]
     [window] = only(Window, feed(drifting))
-    [own] = [
+    [first] = [
         block
         for block in drifting
         if block.first_index <= window.telemetry.first_index < block.first_index + len(block)
     ]
-    offset = window.telemetry.first_index - own.first_index
-    assert window.start_ns == own.stamp_ns + offset * PERIOD_NS
+    offset = window.telemetry.first_index - first.first_index
+    assert window.start_ns == first.stamp_ns + offset * PERIOD_NS
 
 
 STARTS = [number * N + 8014 for number in (0, 1)]

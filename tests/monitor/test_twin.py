@@ -143,7 +143,7 @@ def unit(form, deviations=None) -> Deviations:
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_equals_twin(case, form):
-    """The deviations are those of the unit, or of an individual."""
+    """The deviations belong to the unit or to an individual."""
     faults, deviations, happens, start, parameters = CASES[case]
     dt, period, frequency = FORMS[form]
     steps = round(period / dt)

@@ -271,7 +271,7 @@ def test_healthy_rms_is_that_of_another_window(description, windows):
     calibration = calibrate_model(noisy, description)
     alone = rms(band_limited(np.random.default_rng(99).normal(0.0, sigma, 200_000), H))
     # A further window also differs by the remaining noise in the mean of n windows. A window has
-    # about 5000 / 15 independent values: 4 % for two windows, one of which is independent.
+    # about 5000 / 15 independent values: 4 % for two windows if one is independent.
     assert calibration.healthy_rms == pytest.approx(alone * np.sqrt(1.0 + 1.0 / windows), rel=0.12)
     # The speed is the speed of the model, always the same.
     assert np.isnan(calibration.healthy_speed_rms)

@@ -39,17 +39,17 @@ def lived(
     settings: PrognosisSettings = TEN_HOURS,
     path: Path | None = None,
     missing: tuple[int, ...] = (),
-    known: int = 0,
+    recorded: int = 0,
 ) -> tuple[Unit, list[Outlook]]:
     """Return a unit with growing friction and backlash after n tests, and its outlooks.
 
-    The first ``known`` tests are in the history from the start.
+    The first ``recorded`` tests are in the history from the start.
 
     Its requirements, which take long to compute, are computed only at the latest test.
     """
     tests = [worn(number, valid=number not in missing).estimate for number in range(n)]
-    prognostics, outlooks = Unit(history_of(tests[:known], path), settings), []
-    for estimate in tests[known:]:
+    prognostics, outlooks = Unit(history_of(tests[:recorded], path), settings), []
+    for estimate in tests[recorded:]:
         parameters = PARAMETERS if estimate is tests[-1] else None
         outlook = prognostics.update(estimate, parameters, settings)
         assert outlook is not None

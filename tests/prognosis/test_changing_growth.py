@@ -111,7 +111,7 @@ def test_widening_keeps_the_median_and_spreads_the_other_quantiles():
     hours = np.exp(rng.standard_normal((2, 5001)))
     wide = widened_lives(hours, np.array([1.0, 2.0]))
     np.testing.assert_array_equal(wide[0], hours[0])
-    # The logarithms of the ratios to the median double, and so do those of the quantiles.
+    # The logarithms of the ratios to the median double, also for the quantiles.
     before = np.log(np.quantile(hours[1], [0.05, 0.5, 0.95], method="inverted_cdf"))
     after = np.log(np.quantile(wide[1], [0.05, 0.5, 0.95], method="inverted_cdf"))
     assert after[1] == pytest.approx(before[1], abs=1e-12)

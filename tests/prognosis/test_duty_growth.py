@@ -63,16 +63,16 @@ def flies(
     friction: Callable[[int], float],
     settings: PrognosisSettings = BY_DAMAGE,
     seed: int = 3,
-    known: int = 0,
+    recorded: int = 0,
 ) -> tuple[Unit, list[Outlook]]:
-    """Follow a unit over its tests; the first ``known`` are in its history from the start."""
+    """Follow a unit over its tests; the first ``recorded`` are in its history from the start."""
     history = History(*UNIT)
-    for number in range(known):
+    for number in range(recorded):
         estimate = made_test(number, seed=seed, friction=friction(number))
         hours = INTERVAL_H * (number + 1)
         history.append(Entry(estimate, hours, number + 1, flown=duty(number)))
     prognostics, outlooks = Unit(history, settings), []
-    for number in range(known, tests):
+    for number in range(recorded, tests):
         estimate = made_test(number, seed=seed, friction=friction(number))
         outlook = prognostics.update(estimate, None, settings, flown=duty(number))
         assert outlook is not None
@@ -95,7 +95,7 @@ def test_unit_flown_harder_from_half_of_its_life_on_is_predicted_better_by_damag
         end = int(np.searchsorted(share, 1.0))
         friction = (0.5 * share).tolist().__getitem__
         for name, settings in (("damage", BY_DAMAGE), ("hours", BY_HOURS)):
-            _, outlooks = flies(end, duty, friction, settings, seed=seed, known=46)
+            _, outlooks = flies(end, duty, friction, settings, seed=seed, recorded=46)
             for number, outlook in enumerate(outlooks[:-1], 46):
                 life, left = outlook.rul, (end - number - 0.5) * INTERVAL_H
                 error = abs(life.hours_50 - left) / left if life.known else 1.0

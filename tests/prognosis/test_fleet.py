@@ -34,7 +34,7 @@ BEFORE = curves_without_fleet(LIMITS)
 
 
 def grown(rate: float, seed: int) -> UnitGrowth:
-    """Return what a unit with growing friction contributes."""
+    """Return the growth of a unit with growing friction."""
     tracker = Tracker()
     growth = {"friction": Growth("linear", rate)}
     feed(tracker, growth, 900.0, np.random.default_rng(seed), every=20.0)

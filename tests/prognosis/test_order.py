@@ -52,7 +52,7 @@ def test_after_a_backward_step_of_the_clock_the_order_of_reception_counts():
         test = stamped(now_ns - S, number + 3, friction=0.8)
         outlook = unit.update(test, None, LIVE, received_ns=now_ns)
         assert outlook is not None
-        # Stamps of messages equal those of the telemetry.
+        # Messages have the stamps of the telemetry.
         assert (outlook.stamp_ns, outlook.claim.measured_ns) == (test.end_ns, test.end_ns)
         assert outlook.claim.good_until_ns == test.end_ns + 30 * S
         levels.append(level_at(outlook, now_ns + S))

@@ -53,7 +53,7 @@ def sure_of(law: str, rate: float, shape: float, x: float) -> tuple[Mixture, flo
 def test_first_passage_agrees_with_simulated_growth(law, rate, shape, x):
     mixture, cell_rate = sure_of(law, rate, shape, x)
     rng = np.random.default_rng(0)
-    # The rates equal those of the cell, so that only the noise is compared.
+    # The rates equal the rate of the cell, so that only the noise is compared.
     predicted = lives(draw(mixture, 4000, np.zeros(7), rng), rng)[BACKLASH]
     growth = Growth(law, cell_rate, shape, 1e-3 if law == "drift" else 0.3)
     passed = [hours_to_half(growth, x, rng) for _ in range(150)]

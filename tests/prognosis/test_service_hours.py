@@ -57,7 +57,7 @@ def test_tests_with_one_count_are_interpolated_by_stamps_when_the_next_count_arr
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
     stamps = [entry.stamp_ns for entry in entries]
     assert [test.stamp_ns for test in service.used] == stamps[:11]
-    # The later tests wait; the published hours are those of the latest count.
+    # The later tests wait; the published hours are the hours at the latest count.
     assert (service.hours, service.unknown) == (100.0, "")
     assert all(earlier.hours < later.hours for earlier, later in pairwise(service.used))
 

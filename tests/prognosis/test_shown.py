@@ -33,7 +33,7 @@ def outlook_after(
     parameters: ActuatorParameters | None = None,
     **faults: float,
 ) -> Outlook:
-    """Return the outlook after tests, each of which hides some of the faults of a unit."""
+    """Return the outlook after tests that each hide some of the faults of a unit."""
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, hidden in enumerate(course):
         seen: dict[str, Any] = {name: value for name, value in faults.items() if name not in hidden}

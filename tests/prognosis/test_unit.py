@@ -45,7 +45,7 @@ from .made_tests import FIRST_NS, PERIOD_NS, UNIT, history_of, made_test
 
 @pytest.fixture(scope="module")
 def grown() -> tuple[Unit, list[Outlook]]:
-    return lived(60, known=59)
+    return lived(60, recorded=59)
 
 
 @pytest.mark.slow
@@ -179,7 +179,7 @@ def test_late_test_is_reported_and_changes_no_level():
 
 
 def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
-    prognostics, _ = lived(20, known=19)
+    prognostics, _ = lived(20, recorded=19)
     outlooks: list[Any] = [
         prognostics.update(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
         for n in (20, 21)
@@ -191,7 +191,7 @@ def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
     first, second = (outlook.events for outlook in outlooks)
     assert event_in_words(first[0]).startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
-    # The reported value is that of the test, and not the value before.
+    # The reported value comes from the test, and is not the value before.
     words = cause_of_level(outlooks[0])
     assert "friction 0.7 in the latest test, to be confirmed by the next test" in words
     assert any(event_in_words(event).startswith("step: friction") for event in second)
@@ -202,8 +202,8 @@ def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
 @pytest.mark.slow
 def test_changed_limit_applies_to_the_whole_history():
     settings = replace(TEN_HOURS, limits=HealthLimits(friction=0.9))
-    _, expected = lived(20, settings, known=19)
-    prognostics, _ = lived(20, known=19)
+    _, expected = lived(20, settings, recorded=19)
+    prognostics, _ = lived(20, recorded=19)
     assert plain(prognostics.outlook(PARAMETERS, settings)) == plain(expected[-1])
 
 

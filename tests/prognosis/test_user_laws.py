@@ -56,7 +56,7 @@ def test_law_of_a_user_predicts_like_the_same_law_of_the_package():
     )
     np.testing.assert_allclose((value, sigma, trend), expected, rtol=1e-6)
     ours, shipped = (tracker.predict() for tracker in trackers)
-    # Rates between those of the grid are drawn upwards by one law and downwards by the other.
+    # Rates between the points of the grid are drawn upwards by one law and downwards by the other.
     levels = [0.05, 0.5, 0.95]
     np.testing.assert_allclose(
         np.quantile(ours.samples, levels), np.quantile(shipped.samples, levels), rtol=0.02

@@ -105,7 +105,7 @@ def largest_rise(i: float) -> float:
 @pytest.mark.parametrize("degrees", [0, 15, 45, 75, 100, 200, 301])
 @pytest.mark.parametrize("I_ref", [-15.0, 2.0, 12.0])
 def test_currents_stay_within_the_double_band(degrees, I_ref):
-    """The errors of three phases add up to zero, so that one can be as large as the sum of two.
+    """The errors of three phases add up to zero: an error can be as large as the sum of two.
 
     A leg within its band does not act, and the star point passes on the currents of the others.
     Thus a phase can leave its band until another phase reaches its own edge, at twice the

@@ -185,7 +185,7 @@ def test_gears_warm_up_in_work_and_thin_grease_needs_less_effort():
     arm = RobotArm()
     first, *_, last = [log for _, log in cycles(arm, 25)]
     assert first.temperature[0] == pytest.approx(22.0, abs=0.1)
-    # Warming of 6 to 9 K in continuous work, 87 % of which is motion, after 480 s of 900 s.
+    # Warming of 6 to 9 K in continuous work with 87 % of motion, after 480 s of 900 s.
     duty = 16.7 / (len(last) / 500)
     warming = np.array([joint.warming for joint in arm.joints.values()])
     reached = duty * (1.0 - np.exp(-25 * len(last) / 500 / 900.0))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errata that the code relies on, from the thesis's own runs or from the models.
 
-docs/errata.md has the numbers; these tests compute those that other modules rely on.
+docs/errata.md has the numbers; these tests compute the numbers that other modules rely on.
 """
 
 from pathlib import Path
@@ -109,8 +109,8 @@ def test_true_faults_cost_more_than_the_printed_threshold(page):
 def test_table_61_multiplies_times_of_one_study_by_errors_of_another(runs, page):
     printed = printed_table("table_61")["RC"].dropna()
     mixed = multiple_fault_reliability(runs, 56, 57)["RC"].dropna()
-    # Printed from means with two decimals, the smallest of which is 0.6 %: products are off by up
-    # to 1 %.
+    # Printed from means with two decimals. The smallest mean is 0.6 %, so products are off by up to
+    # 1 %.
     np.testing.assert_allclose(mixed, printed, rtol=0, atol=0.3)
 
     for table in (56, 57):

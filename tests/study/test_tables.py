@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the thesis next to those of the study, from complete, incomplete and missing runs."""
+"""Tables of the thesis next to tables of the study, from complete, incomplete and missing runs."""
 
 import numpy as np
 import pandas as pd

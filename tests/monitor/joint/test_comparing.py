@@ -78,7 +78,7 @@ def test_single_change_is_named_with_its_size(comparer, change, name, size):
     assert names(comparison) == {name}
     assert not rivals(comparison)
     # The record itself has no error. The differences are rounding, and the mean of the prediction,
-    # whose weights of days differ slightly from those of the healthy coefficients.
+    # whose weights of days differ slightly from the weights in the healthy coefficients.
     assert comparison[name].change == pytest.approx(size, abs=0.015)
     assert comparison[name].low < size < comparison[name].high
     assert comparison.probability < 1e-3
@@ -435,7 +435,7 @@ def test_temperature_is_not_used_if_nothing_follows_it():
 
 
 def test_record_without_temperature_is_compared_over_all_temperatures():
-    """Its viscous friction may be that of any healthy temperature, so there is no alarm."""
+    """Any healthy temperature may explain its viscous friction, so there is no alarm."""
     comparer = _warm(follows=True)
     for healthy in comparer.baseline.records:
         unknown = comparer.compare(replace(healthy, stamp_ns=0, temperature=math.nan))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The learned coefficients equal those of the plant, and include only terms that records show."""
+"""The learned coefficients equal the plant, and include only terms that records show."""
 
 from dataclasses import replace
 
@@ -70,7 +70,7 @@ def check(joint: Joint, baseline: Baseline, rel: float, abs_load: float = 0.005)
 def test_coefficients_without_noise_equal_those_of_the_plant():
     joint = Joint()
     # Central differences with steps of 0.02 s miss (2 pi 0.83 Hz 0.02 s)^2 / 3 = 0.4 % of the
-    # acceleration in the faster tone, and half of that of the speed.
+    # acceleration in the faster tone, and half as much of the speed.
     check(joint, learned(joint, EXACT), rel=0.006, abs_load=0.002)
 
 

@@ -114,15 +114,15 @@ def test_friction_is_right_if_the_payload_is_known(arm, name):
 @pytest.mark.slow
 def test_joint_that_bears_the_part_is_compared_only_in_motion_without_it(arm):
     for name in BEARING:
-        known, unknown = (calibrated(arm, name, has_payload=known) for known in (True, False))
-        assert known.baseline.preparation.is_empty
-        assert not unknown.baseline.preparation.is_empty
-        assert known.baseline.shape.unexplained < 0.05 < unknown.baseline.shape.unexplained
-        assert known.baseline.shape.friction_error < 0.06
-        assert unknown.baseline.shape.friction_error > 0.15
-        assert Shortcoming.UNCERTAIN_FRICTION in unknown.baseline.shortcomings
-        assert "gripper as payload" in friction_advice(unknown.baseline)
-        assert not friction_advice(known.baseline)
+        aware, blind = (calibrated(arm, name, has_payload=has).baseline for has in (True, False))
+        assert aware.preparation.is_empty
+        assert not blind.preparation.is_empty
+        assert aware.shape.unexplained < 0.05 < blind.shape.unexplained
+        assert aware.shape.friction_error < 0.06
+        assert blind.shape.friction_error > 0.15
+        assert Shortcoming.UNCERTAIN_FRICTION in blind.shortcomings
+        assert "gripper as payload" in friction_advice(blind)
+        assert not friction_advice(aware)
     # The base turns with the part in one direction and without it in the other: all motion is
     # needed.
     assert not calibrated(arm, "base").baseline.preparation.is_empty
@@ -141,8 +141,8 @@ def test_record_without_payload_is_not_compared_with_empty_motion(arm, tmp_path)
     # Conversely, the payload is ignored.
     plain = calibrated(arm, "elbow", has_payload=False)
     with_it, without = (
-        identify(window_of(arm[-1], "elbow", has_payload=known), unit("elbow"), plain).comparison
-        for known in (True, False)
+        identify(window_of(arm[-1], "elbow", has_payload=has), unit("elbow"), plain).comparison
+        for has in (True, False)
     )
     assert with_it == without
 

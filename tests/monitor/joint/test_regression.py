@@ -97,13 +97,13 @@ def test_intervals_are_valid_if_errors_are_correlated_within_strokes(shared):
 
 
 def test_independent_rows_would_give_too_narrow_intervals():
-    """With the same errors but a cluster per row, the intervals are those of white noise."""
+    """With a cluster per row, correlated errors are mistaken for white noise."""
     covered = 0
     for seed in range(100):
         design, target, _ = drawn(100 + seed, 20, shared=0.2)
         fit = regress(design, target, np.arange(len(target)), OPEN)
         covered += abs(fit.values[2] - TRUTH[2]) < 1.645 * np.sqrt(fit.covariance[2, 2])
     # Errors of 0.2 A common to 25 rows and 0.1 A of each row: the standard error of the mean is
-    # sqrt((0.2^2 + 0.1^2 / 25) / (0.2^2 + 0.1^2) * 25) = 4.5 times that of independent rows, and
-    # the interval covers 28 %.
+    # sqrt((0.2^2 + 0.1^2 / 25) / (0.2^2 + 0.1^2) * 25) = 4.5 times as large as for
+    # independent rows, and the interval covers 28 %.
     assert covered < 45

@@ -35,7 +35,7 @@ def calibration() -> JointCalibration:
 def test_cause_of_a_standstill_follows_from_effort_and_command(
     calibration, effort: float, command: float, cause
 ):
-    """The effort is relative to the healthy friction, the command to that of healthy records."""
+    """The effort is relative to the healthy friction, the command to healthy commands."""
     moving = telemetry_of(JOINT, tones(), Sensors(), seed=9)
     friction = calibration.baseline.friction
     record = replace(
