@@ -165,7 +165,9 @@ def course(bag: Path):
 def test_duty_and_measured_causes_change_the_prognosis(course, bag):
     """Check the recording itself: the remaining life differs if duty is ignored."""
     assert all(estimate.valid and len(estimate.measured) == 2 for estimate in course.estimates)
-    assert [step.outlook.flight_hours for step in course.steps] == [HOURS * n for n in range(CYCLES)]
+    assert [step.outlook.flight_hours for step in course.steps] == [
+        HOURS * n for n in range(CYCLES)
+    ]
     duty = course.growth.duty
     assert np.isfinite(duty.reference).all()
     by_hours = predicted(bag, PrognosisSettings(damage=DamageSettings(growth_per="hours")))
