@@ -53,12 +53,17 @@ class EventReport:
     flight_hours: float
     kind: str
     text: str
+    count: int
 
     @classmethod
     def of(cls, event: UnitEvent) -> "EventReport":
         """Return the report of an event."""
         return cls(
-            Stamp.of(event.stamp_ns), event.hours, event.kind.value, text_of(event.occurrence)
+            Stamp.of(event.stamp_ns),
+            event.hours,
+            event.kind.value,
+            text_of(event.occurrence),
+            event.occurrence.count,
         )
 
 

@@ -10,9 +10,9 @@ from typing import Any, Final
 import click
 
 from ema_cli.options import network_option
-from ema_cli.show.baseline_table import Baseline, details, table
+from ema_cli.show.baseline_table import BaselineSummary, details, table
 from ema_core.wording import unknown_name
-from ema_monitor.baselines.changes import Change, Kind
+from ema_monitor.baselines.changes import BaselineChange, ChangeKind
 from ema_monitor.baselines.progress import Progress
 from ema_monitor.baselines.unit_baseline import (
     UnitBaseline,
@@ -93,25 +93,25 @@ def show(joint: str, folder: Path | None, monitor: str, network: bool) -> None:
 @_changing
 def accept(**values: Any) -> None:
     """Accept the collected records of JOINT as its baseline."""
-    _change(Kind.ACCEPT, **values)
+    _change(ChangeKind.ACCEPT, **values)
 
 
 @baseline.command()
 @_changing
 def extend(**values: Any) -> None:
     """Add the healthy records since the acceptance to the baseline of JOINT."""
-    _change(Kind.EXTEND, **values)
+    _change(ChangeKind.EXTEND, **values)
 
 
 @baseline.command()
 @_changing
 def reset(**values: Any) -> None:
     """Discard baseline and records of JOINT, as after a repair, and learn again."""
-    _change(Kind.RESET, **values)
+    _change(ChangeKind.RESET, **values)
 
 
 def _change(
-    kind: Kind,
+    kind: ChangeKind,
     joint: str,
     person: str,
     note: str,
@@ -132,20 +132,22 @@ class _Folder:
         self._folder = folder
         self.where = str(folder)
 
-    def baselines(self) -> list[Baseline]:
+    def baselines(self) -> list[BaselineSummary]:
         return [self._shown(path) for path in stored_units(self._folder).values()]
 
-    def find(self, joint: str) -> Baseline:
+    def find(self, joint: str) -> BaselineSummary:
         return self._shown(self._path(joint))
 
-    def changes(self, item: Baseline) -> list[Change] | None:
+    def changes(self, item: BaselineSummary) -> list[BaselineChange] | None:
         return changes_of(self._folder, item.actuator_id, item.serial_number)
 
-    def change(self, item: Baseline, kind: Kind, person: str, note: str, *, force: bool) -> str:
+    def change(
+        self, item: BaselineSummary, kind: ChangeKind, person: str, note: str, *, force: bool
+    ) -> str:
         with self._open(self._path(item.actuator_id)) as unit:
-            if kind is Kind.ACCEPT:
+            if kind is ChangeKind.ACCEPT:
                 return str(unit.accept(person, note, force=force))
-            if kind is Kind.EXTEND:
+            if kind is ChangeKind.EXTEND:
                 return str(unit.extend(person, note, force=force))
             return str(unit.reset(person, note))
 
@@ -158,12 +160,12 @@ class _Folder:
     def _open(self, path: Path) -> UnitBaseline:
         return UnitBaseline(self._folder, load_description(path))
 
-    def _shown(self, path: Path) -> Baseline:
+    def _shown(self, path: Path) -> BaselineSummary:
         with self._open(path) as unit:
             if unit.is_fit_due:
                 unit.fit()
             accepted = unit.accepted_by
-            return Baseline(
+            return BaselineSummary(
                 *unit.description.unit_key,
                 unit.is_accepted,
                 unit.progress(),
@@ -180,20 +182,22 @@ class _Monitor:
         self._client = client
         self.where = name
 
-    def baselines(self) -> list[Baseline]:
+    def baselines(self) -> list[BaselineSummary]:
         return [_of_message(status) for status in self._client.statuses()]
 
-    def find(self, joint: str) -> Baseline:
+    def find(self, joint: str) -> BaselineSummary:
         by_name = {item.actuator_id: item for item in self.baselines()}
         if joint not in by_name:
             raise ValueError(f"{self.where}: {unknown_name('joint', joint, by_name)}")
         return by_name[joint]
 
-    def changes(self, item: Baseline) -> list[Change] | None:
+    def changes(self, item: BaselineSummary) -> list[BaselineChange] | None:
         # The monitor may use another folder; on this machine it usually uses the default folder.
         return changes_of(default_folder(), item.actuator_id, item.serial_number) or None
 
-    def change(self, item: Baseline, kind: Kind, person: str, note: str, *, force: bool) -> str:
+    def change(
+        self, item: BaselineSummary, kind: ChangeKind, person: str, note: str, *, force: bool
+    ) -> str:
         from ema_interfaces.srv import ChangeBaseline
 
         return self._client.change(
@@ -225,7 +229,7 @@ def _source(folder: Path | None, monitor: str, *, network: bool) -> Iterator[_Fo
     yield _Folder(default_folder())
 
 
-def _of_message(status: Any) -> Baseline:
+def _of_message(status: Any) -> BaselineSummary:
     from ema_ros.stamps import stamp_from_message
 
     progress = Progress(
@@ -240,7 +244,7 @@ def _of_message(status: Any) -> Baseline:
         tuple(status.advice),
         status.reason,
     )
-    return Baseline(
+    return BaselineSummary(
         status.actuator_id,
         status.serial_number,
         status.state == status.ACCEPTED,

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from ema_core.wording import counted, text_table
-from ema_monitor.baselines.changes import Change
+from ema_monitor.baselines.changes import BaselineChange
 from ema_monitor.baselines.progress import Progress
 
 _HEADINGS: Final = (
@@ -17,7 +17,7 @@ _HEADINGS: Final = (
 
 
 @dataclass(frozen=True)
-class Baseline:
+class BaselineSummary:
     """State of a learned baseline, for display."""
 
     actuator_id: str
@@ -37,7 +37,7 @@ class Baseline:
         return "ACCEPTED" if self.is_accepted else "LEARNING"
 
 
-def table(baselines: Iterable[Baseline]) -> str:
+def table(baselines: Iterable[BaselineSummary]) -> str:
     """Return a table of baselines, one line per joint."""
     rows = [
         (
@@ -56,7 +56,7 @@ def table(baselines: Iterable[Baseline]) -> str:
     return f"{text_table(_HEADINGS, rows)}\n{note}"
 
 
-def details(item: Baseline, changes: Sequence[Change] | None) -> str:
+def details(item: BaselineSummary, changes: Sequence[BaselineChange] | None) -> str:
     """Return state, progress and history of a baseline as text.
 
     ``changes`` is None if the history is unknown.
@@ -94,7 +94,7 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if math.isfinite(share) else "-"
 
 
-def _accepted(item: Baseline) -> str:
+def _accepted(item: BaselineSummary) -> str:
     if not item.is_accepted:
         return ""
     date = datetime.fromtimestamp(item.accepted_ns // 1_000_000_000, UTC)

@@ -48,8 +48,10 @@ class Row:
     """Value, sigma and limit of the life-limiting or worst fault or requirement; "" if none."""
     life: tuple[float, float, float] | None
     """Quantiles of the remaining life, 5, 50 and 95 % [h]; None if unknown."""
-    remove_before: str
-    """Service hour before which to remove the unit, such as "1,200 h", or "now" or ""."""
+    must_remove: bool
+    """Whether to remove the unit now."""
+    remove_before: float
+    """Service hour before which to remove the unit [h]; NaN if unknown."""
     test_ns: int
     """Timestamp of the last test [ns]; 0 before the first test."""
     test_age_s: float
@@ -191,7 +193,8 @@ class LatestHealths:
             health_index=health.health_index,
             dominant=_dominant_in_words(health),
             life=hours,
-            remove_before=_removal(health),
+            must_remove=_must_remove(health),
+            remove_before=health.flight_hours + _removal_hours(health),
             test_ns=test_ns,
             test_age_s=age_s if age_s >= 0.0 else now_s - actuator.tested_s,
             why="; ".join(filter(None, reasons)),
@@ -227,16 +230,25 @@ def _dominant_in_words(health: Any) -> str:
     return ""
 
 
-def _removal(health: Any) -> str:
-    """Return the service hour before which to remove the actuator, "now" or ""."""
-    failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
-    # Recordings of earlier versions have no removal hours.
-    hours = health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
-    if failed or (health.rul.known and hours < SOON_HOURS):
-        return "now"
+def _must_remove(health: Any) -> bool:
+    """Return whether a limit is exceeded or the removal is due within ``SOON_HOURS``."""
+    has_failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
+    return has_failed or _removal_hours(health) < SOON_HOURS
+
+
+def _removal_hours(health: Any) -> float:
+    """Return the hours until the removal is due [h]; NaN if the remaining life is unknown."""
     if not health.rul.known:
-        return ""
-    return f"{health.flight_hours + hours:,.0f} h"
+        return math.nan
+    # Recordings of earlier versions have no removal hours.
+    return health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
+
+
+def _removal(row: Row) -> str:
+    """Return the service hour before which to remove the unit, "now", or "" if unknown."""
+    if row.must_remove:
+        return "now"
+    return f"{row.remove_before:,.0f} h" if math.isfinite(row.remove_before) else ""
 
 
 class HealthTable(TerminalDisplay):
@@ -282,7 +294,7 @@ class HealthTable(TerminalDisplay):
                 _index(row),
                 Text(row.dominant or "-"),
                 _life(row),
-                row.remove_before or "-",
+                _removal(row) or "-",
                 time_in_words(row.test_age_s) if row.test_ns else "-",
             )
         return table
@@ -304,14 +316,14 @@ def _line(row: Row) -> str:
     if row.learning:
         return "  ".join((row.level_text, f"{row.place}/{row.actuator_id}", row.why))
     life = _life(row)
+    removal = _removal(row)
     parts = (
         row.level_text,
         f"{row.place}/{row.actuator_id} ({row.serial_number})",
         f"index {_index(row)}",
         row.dominant,
         f"RUL {life}{' h' * (row.life is not None)}",
-        f"remove before {row.remove_before}" if row.remove_before.endswith("h") else "",
-        "remove now" if row.remove_before == "now" else "",
+        f"remove {'' if row.must_remove else 'before '}{removal}" if removal else "",
         f"last test {time_in_words(row.test_age_s)} ago" if row.test_ns else "no test yet",
         row.why,
     )

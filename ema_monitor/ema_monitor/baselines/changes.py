@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 
-class Kind(StrEnum):
+class ChangeKind(StrEnum):
     """Kind of a baseline change."""
 
     ACCEPT = "accept"
@@ -19,10 +19,10 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Change:
+class BaselineChange:
     """A change of a baseline."""
 
-    kind: Kind
+    kind: ChangeKind
     author: str
     """Person or rule that made the change."""
     time_ns: int
@@ -50,7 +50,7 @@ class Change:
         return f"{self.time_text}  {self.kind} by {self.author}, {number}{named}{note}"
 
 
-def append_change(path: Path, change: Change) -> None:
+def append_change(path: Path, change: BaselineChange) -> None:
     """Append a change to a file and flush it to disk. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     line = json.dumps(asdict(change), ensure_ascii=False) + "\n"
@@ -63,7 +63,7 @@ def append_change(path: Path, change: Change) -> None:
         os.fsync(file.fileno())
 
 
-def read_changes(path: Path) -> list[Change]:
+def read_changes(path: Path) -> list[BaselineChange]:
     """Return the changes in a file, oldest first; damaged lines and a missing file are ignored."""
     changes = []
     try:
@@ -74,8 +74,8 @@ def read_changes(path: Path) -> list[Change]:
         try:
             content = json.loads(line)
             changes.append(
-                Change(
-                    Kind(content["kind"]),
+                BaselineChange(
+                    ChangeKind(content["kind"]),
                     str(content["author"]),
                     int(content["time_ns"]),
                     str(content["before"]),

@@ -18,7 +18,7 @@ import yaml
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.wording import counted, one_line
-from ema_monitor.baselines.changes import Change, Kind, append_change, read_changes
+from ema_monitor.baselines.changes import BaselineChange, ChangeKind, append_change, read_changes
 from ema_monitor.baselines.progress import FEWEST, Progress, forward_share, progress_of, refusal_of
 from ema_monitor.baselines.record_files import RecordFiles, StoredRecord, thinned
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
@@ -66,7 +66,7 @@ def stored_units(folder: Path) -> dict[str, Path]:
     return {unquote(path.parent.parent.name): path for path in by_age}
 
 
-def changes_of(folder: Path, actuator_id: str, serial_number: str) -> list[Change]:
+def changes_of(folder: Path, actuator_id: str, serial_number: str) -> list[BaselineChange]:
     """Return the history of the changes of a unit's baseline."""
     return read_changes(unit_folder(folder, actuator_id, serial_number) / _CHANGES)
 
@@ -180,12 +180,12 @@ class UnitBaseline:
         return self._records.stored[-1].stamp_ns if self._records.stored else 0
 
     @property
-    def accepted_by(self) -> Change | None:
+    def accepted_by(self) -> BaselineChange | None:
         """The change that produced the accepted baseline; None while learning, or if unknown."""
         return self._accepting if self.is_accepted else None
 
     @property
-    def _accepting(self) -> Change | None:
+    def _accepting(self) -> BaselineChange | None:
         """The latest change that produced the calibration; None if the history lacks it."""
         identity = self.calibration.calibration_id if self.calibration else ""
         matching = (item for item in reversed(self.changes) if item.after == identity)
@@ -249,7 +249,7 @@ class UnitBaseline:
 
     def accept(
         self, author: str, note: str = "", *, force: bool = False, is_automatic: bool = False
-    ) -> Change:
+    ) -> BaselineChange:
         """Accept the candidates as the baseline. Return the recorded change.
 
         Parameters
@@ -287,10 +287,10 @@ class UnitBaseline:
         if self.provisional is None:
             raise ValueError(f"the baseline is refused: {self._reason}")
         calibration = _judged(self.provisional, "baseline", force=force)
-        kind = Kind.AUTOMATIC if is_automatic else Kind.ACCEPT
+        kind = ChangeKind.AUTOMATIC if is_automatic else ChangeKind.ACCEPT
         return self._install(calibration, records, kind, author, note)
 
-    def extend(self, author: str, note: str = "", *, force: bool = False) -> Change:
+    def extend(self, author: str, note: str = "", *, force: bool = False) -> BaselineChange:
         """Add the candidates to the accepted baseline; see ``accept`` for parameters and errors."""
         self._require_sound()
         if self.calibration is None:
@@ -303,14 +303,14 @@ class UnitBaseline:
         records = thinned(self._records.stored, MOST_RECORDS)
         fitted = self._fitted_to(records).with_labels_of(self.calibration)
         calibration = _judged(fitted, "extension", force=force)
-        change = self._install(calibration, records, Kind.EXTEND, author, note)
+        change = self._install(calibration, records, ChangeKind.EXTEND, author, note)
         self._records.remove(self.candidates)  # thinned out
         return change
 
-    def reset(self, author: str, note: str = "") -> Change:
+    def reset(self, author: str, note: str = "") -> BaselineChange:
         """Discard baseline and candidates, and learn again; the history remains."""
         count = self.calibration.windows if self.calibration else len(self.candidates)
-        change = self._changed(Kind.RESET, author, note, "", count)
+        change = self._changed(ChangeKind.RESET, author, note, "", count)
         self._discard()
         self.calibration = self.provisional = None
         self.damage = self._reason = ""
@@ -327,10 +327,10 @@ class UnitBaseline:
         self,
         calibration: JointCalibration,
         records: Sequence[StoredRecord],
-        kind: Kind,
+        kind: ChangeKind,
         author: str,
         note: str,
-    ) -> Change:
+    ) -> BaselineChange:
         """Write a calibration with its change, so that a kill leaves both or neither."""
         calibration.save(self._folder / _PENDING)
         files = tuple(record.path.name for record in records)
@@ -343,17 +343,17 @@ class UnitBaseline:
 
     def _changed(
         self,
-        kind: Kind,
+        kind: ChangeKind,
         author: str,
         note: str,
         after: str,
         records: int,
         files: tuple[str, ...] = (),
-    ) -> Change:
+    ) -> BaselineChange:
         author = one_line("person", author, _LONGEST_PERSON)
         note = one_line("note", note, _LONGEST_NOTE) if note else ""
         before = self.calibration.calibration_id if self.calibration else ""
-        change = Change(kind, author, time.time_ns(), before, after, records, note, files)
+        change = BaselineChange(kind, author, time.time_ns(), before, after, records, note, files)
         append_change(self._folder / _CHANGES, change)
         self.changes.append(change)
         return change
@@ -364,7 +364,7 @@ class UnitBaseline:
             return
         latest, pending = self.changes[-1], self._folder / _PENDING
         path = self._folder / CALIBRATION_FILE
-        if latest.kind is Kind.RESET and path.exists() and _identity(path) == latest.before:
+        if latest.kind is ChangeKind.RESET and path.exists() and _identity(path) == latest.before:
             self._discard()  # both identities are empty if damaged
         if pending.exists():
             if _identity(pending) == latest.after:
@@ -393,7 +393,7 @@ class UnitBaseline:
             _log.warning("%s: the baseline was fitted again from its records, without labels", path)
         return restored
 
-    def _restored(self, accepting: Change) -> JointCalibration | None:
+    def _restored(self, accepting: BaselineChange) -> JointCalibration | None:
         """Fit the calibration of a change again, store and return it.
 
         Returns None if the records do not reproduce the original calibration.

@@ -15,8 +15,8 @@ from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.receive.admission import Admission, Selection, Shard
 from ema_monitor.node.receive.receiver import Receiver
 from ema_monitor.node.receive.receiver_clock import ReceiverClock
-from ema_monitor.node.receive.source import Sources
-from ema_monitor.node.settings import Files, MonitorSettings, folder_of
+from ema_monitor.node.receive.source import TelemetrySources
+from ema_monitor.node.settings import Files, NodeSettings, folder_of
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.kernels import compile_monitor_kernels
 from ema_monitor.node.work.work import Work
@@ -46,7 +46,7 @@ class MonitorNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("monitor", **kwargs)
-        self.settings = MonitorSettings(self, self._restart)
+        self.settings = NodeSettings(self, self._restart)
         declare(self, Selection)
         declare(self, Shard, "shard.")
         declare(self, Files)
@@ -101,7 +101,9 @@ class MonitorNode(ManagedNode):
             self.histories.mark_clock_step,
             log,
         )
-        self.sources = Sources(settings.trigger.value, settings.operation, self.actuators.lock)
+        self.sources = TelemetrySources(
+            settings.trigger.value, settings.operation, self.actuators.lock
+        )
         self.work = Work(
             self,
             self.histories,

@@ -136,7 +136,7 @@ class Operation(Checked):
         return _PERIODS * max(self.expected_period_s, longest_s)
 
 
-class MonitorSettings:
+class NodeSettings:
     """Current settings of a monitor; all can be changed at run time.
 
     Parameters

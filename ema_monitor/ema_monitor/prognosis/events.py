@@ -37,6 +37,11 @@ class Occurrence:
         """Kind of the event."""
         return self._kind
 
+    @property
+    def count(self) -> int:
+        """Number of tests that it concerns; 0 without a number."""
+        return 0
+
     def as_record(self) -> dict[str, Any]:
         """Return code and fields as plain values for JSON."""
         return {"code": self.code} | plain(self._values())
@@ -239,6 +244,11 @@ class EstimatesMissing(Occurrence, code="estimates_missing", kind=EventKind.GAP)
 
     tests: int
 
+    @property
+    def count(self) -> int:
+        """Number of these tests."""
+        return self.tests
+
 
 @dataclass(frozen=True)
 class DuplicateIgnored(Occurrence, code="duplicate_ignored", kind=EventKind.OTHER):
@@ -271,6 +281,11 @@ class UncountedDropped(Occurrence, code="uncounted_dropped", kind=EventKind.SERV
     """Service hours are counted from now on; tests with hours from test cycles are left out."""
 
     tests: int
+
+    @property
+    def count(self) -> int:
+        """Number of these tests."""
+        return self.tests
 
 
 @dataclass(frozen=True)
@@ -307,6 +322,11 @@ class MonitorStarted(Occurrence, code="monitor_started", kind=EventKind.RESTART)
 
     tests: int
     """Number of valid tests in the history."""
+
+    @property
+    def count(self) -> int:
+        """Number of these tests."""
+        return self.tests
 
 
 @dataclass(frozen=True)

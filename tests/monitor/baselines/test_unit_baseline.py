@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_monitor.baselines.changes import Kind, append_change, read_changes
+from ema_monitor.baselines.changes import ChangeKind, append_change, read_changes
 from ema_monitor.baselines.unit_baseline import (
     MOST_CANDIDATES,
     MOST_RECORDS,
@@ -59,7 +59,7 @@ def test_baseline_is_learned_accepted_and_matches_the_calibration_pattern(tmp_pa
         assert 0.5 < progress.slowest <= progress.fastest < 1.5
         assert progress.advice
         change = baseline.accept("Ada", "new gear")
-        assert (change.kind, change.author, change.note) == (Kind.ACCEPT, "Ada", "new gear")
+        assert (change.kind, change.author, change.note) == (ChangeKind.ACCEPT, "Ada", "new gear")
         assert (change.before, change.records) == ("", 6)
         assert baseline.candidates == []
         assert baseline.accepted_by == change
@@ -126,7 +126,7 @@ def test_extension_adds_candidates_and_reset_keeps_the_history(tmp_path: Path):
             baseline.extend("Bob")
     with UnitBaseline(tmp_path, JOINT) as again:
         kinds = [change.kind for change in again.changes]
-        assert kinds == [Kind.ACCEPT, Kind.EXTEND, Kind.RESET]
+        assert kinds == [ChangeKind.ACCEPT, ChangeKind.EXTEND, ChangeKind.RESET]
         assert again.progress().records == 0
         assert "gear replaced" in str(again.changes[-1])
 

@@ -17,7 +17,7 @@ from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.receive.admission import Admission
 from ema_monitor.node.receive.arrivals import Arrivals
-from ema_monitor.node.receive.source import Source, Sources
+from ema_monitor.node.receive.source import TelemetrySource, TelemetrySources
 from ema_monitor.node.settings import Operation
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
@@ -46,7 +46,7 @@ class Receiver:
     def __init__(
         self,
         admission: Admission,
-        sources: Sources,
+        sources: TelemetrySources,
         worker: IdentificationWorker,
         results: Results,
         actuators: Actuators,
@@ -284,7 +284,7 @@ class Receiver:
             return False
         return True
 
-    def _admit(self, message: Any) -> Source | None:
+    def _admit(self, message: Any) -> TelemetrySource | None:
         """Return the source for an actuator's first telemetry; None if it is not monitored."""
         if not self._accepts(message, "telemetry"):
             return None
@@ -292,7 +292,7 @@ class Receiver:
 
     def _get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
-    ) -> Source | None:
+    ) -> TelemetrySource | None:
         """Return an actuator's source, created if new; None if admission refuses the actuator."""
         if (source := self._sources.get(actuator_id)) is not None:
             return source
@@ -309,13 +309,13 @@ class Receiver:
             self._prepare(remembered)
         return source
 
-    def _add(self, actuator_id: str) -> Source:
+    def _add(self, actuator_id: str) -> TelemetrySource:
         """Start monitoring an actuator in all parts. Return its source."""
         intake, arrivals = self._sources.new_intake(actuator_id), Arrivals()
         self._worker.follow(actuator_id)
         status = self._actuators.follow(actuator_id, intake.finder, arrivals)
         status.is_listed = actuator_id in self._admission.listed
-        source = self._sources[actuator_id] = Source(intake, arrivals, status)
+        source = self._sources[actuator_id] = TelemetrySource(intake, arrivals, status)
         return source
 
     @contextmanager
@@ -331,7 +331,7 @@ class Receiver:
             segment = self._not_queued.popleft()
             self._worker.refuse(segment, MonitorInactive(), is_dropped=True)
 
-    def _deliver(self, source: Source, events: Iterable[Segment | Defect]) -> None:
+    def _deliver(self, source: TelemetrySource, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
         for event in events:
             if isinstance(event, Defect):

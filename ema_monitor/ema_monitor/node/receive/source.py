@@ -20,7 +20,7 @@ from ema_ros.node_parameters import LiveSettings
 from ema_ros.stamps import stamp_from_message
 
 
-class Source:
+class TelemetrySource:
     """One actuator as a source of telemetry.
 
     Attributes
@@ -56,7 +56,7 @@ class Source:
         return events
 
 
-class Sources(dict[str, Source]):
+class TelemetrySources(dict[str, TelemetrySource]):
     """Sources keyed by actuator. Measured causes and counts may arrive before a source exists.
 
     Attributes

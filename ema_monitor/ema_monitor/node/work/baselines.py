@@ -9,7 +9,7 @@ from typing import Final
 
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.wording import counted
-from ema_monitor.baselines.changes import Change, Kind
+from ema_monitor.baselines.changes import BaselineChange, ChangeKind
 from ema_monitor.baselines.unit_baseline import InUseError, UnitBaseline
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.diagnosis import Diagnosed
@@ -51,7 +51,7 @@ class Baselines:
         actuators: Actuators,
         outputs: Outputs,
         alarm: Callable[[ActuatorDescription], str],
-        announce: Callable[[ActuatorDescription, Change, bool], None],
+        announce: Callable[[ActuatorDescription, BaselineChange, bool], None],
         log: Log,
     ) -> None:
         self._folder = folder
@@ -140,7 +140,13 @@ class Baselines:
                 self._log.warn(description.actuator_id, _unusable_text(error))
 
     def change(
-        self, description: ActuatorDescription, kind: Kind, person: str, note: str, *, force: bool
+        self,
+        description: ActuatorDescription,
+        kind: ChangeKind,
+        person: str,
+        note: str,
+        *,
+        force: bool,
     ) -> str:
         """Change the baseline of a unit on a person's request. Return the result as a sentence.
 
@@ -161,9 +167,9 @@ class Baselines:
                 baseline = self._of(description)
                 if not force and (reason := self._doubt(baseline, kind)):
                     raise ValueError(f"{reason}: repair it first, or set force")
-                if kind is Kind.ACCEPT:
+                if kind is ChangeKind.ACCEPT:
                     change = baseline.accept(person, note, force=force)
-                elif kind is Kind.EXTEND:
+                elif kind is ChangeKind.EXTEND:
                     change = baseline.extend(person, note, force=force)
                 else:
                     change = baseline.reset(person, note)
@@ -172,11 +178,11 @@ class Baselines:
             self._enough.discard(description.unit_key)
             self._store.use(description, baseline.calibration)
             text = self._publish(baseline, baseline.latest_ns)
-        if kind is Kind.ACCEPT:
+        if kind is ChangeKind.ACCEPT:
             text = f"the baseline was accepted by {change.author}: the next record gives the level"
-        self._actuators.show_learning(description, text, is_learning=kind is Kind.RESET)
+        self._actuators.show_learning(description, text, is_learning=kind is ChangeKind.RESET)
         self._announce(description, change, force)
-        if kind is Kind.RESET:
+        if kind is ChangeKind.RESET:
             return "the baseline was reset: the unit is learning"
         return f"baseline {change.after} of {counted(change.records, 'record')} is in use"
 
@@ -208,17 +214,17 @@ class Baselines:
             self._store.use(description, baseline.calibration)
         return baseline
 
-    def _doubt(self, baseline: UnitBaseline, kind: Kind) -> str:
+    def _doubt(self, baseline: UnitBaseline, kind: ChangeKind) -> str:
         """Return why a change could define a faulty state as healthy; empty if it could not.
 
         A person who has reset the baseline has confirmed that the unit is healthy.
         """
-        if kind is Kind.ACCEPT and baseline.changes:
+        if kind is ChangeKind.ACCEPT and baseline.changes:
             return ""
         alarm = self._alarm(baseline.description)
         return f"the unit is not healthy ({alarm})" if alarm else ""
 
-    def _fit(self, baseline: UnitBaseline) -> Change | None:
+    def _fit(self, baseline: UnitBaseline) -> BaselineChange | None:
         """Fit the candidates if due, and accept the baseline if the settings ask for it."""
         operation = self._operation.value
         needed, days = operation.accept_after, operation.accept_days
@@ -230,7 +236,7 @@ class Baselines:
         baseline.fit()
         if is_enough:
             self._enough.add(key)
-        if not is_enough or baseline.progress().reason or self._doubt(baseline, Kind.ACCEPT):
+        if not is_enough or baseline.progress().reason or self._doubt(baseline, ChangeKind.ACCEPT):
             return None
         change = baseline.accept(_AUTOMATIC.format(needed), is_automatic=True)
         self._store.use(baseline.description, baseline.calibration)

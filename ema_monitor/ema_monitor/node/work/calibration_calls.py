@@ -8,17 +8,17 @@ from typing import Any, Final
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted, one_line
 from ema_interfaces import action, srv
-from ema_monitor.baselines.changes import Kind
+from ema_monitor.baselines.changes import ChangeKind
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CalibrationStore, calibrate
 from ema_monitor.model.measured import measured_ranges
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.goals import Goals
-from ema_monitor.node.work.prognosis import Prognosis
+from ema_monitor.node.work.prognosis import UnitPrognoses
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
 from ema_monitor.windows.window import Window
@@ -28,9 +28,9 @@ from ema_ros.managed_node import ManagedNode
 _CANCELLED: Final = "cancelled"
 _MOST_WINDOWS: Final = 200
 _KINDS: Final = {
-    srv.ChangeBaseline.Request.ACCEPT: Kind.ACCEPT,
-    srv.ChangeBaseline.Request.EXTEND: Kind.EXTEND,
-    srv.ChangeBaseline.Request.RESET: Kind.RESET,
+    srv.ChangeBaseline.Request.ACCEPT: ChangeKind.ACCEPT,
+    srv.ChangeBaseline.Request.EXTEND: ChangeKind.EXTEND,
+    srv.ChangeBaseline.Request.RESET: ChangeKind.RESET,
 }
 _Request = action.Calibrate.Goal | srv.Calibrate.Request
 
@@ -46,11 +46,11 @@ class CalibrationCalls:
         node: ManagedNode,
         goals: Goals,
         worker: IdentificationWorker,
-        prognosis: Prognosis,
+        prognosis: UnitPrognoses,
         results: Results,
         actuators: Actuators,
         baselines: Baselines,
-        settings: MonitorSettings,
+        settings: NodeSettings,
         store: CalibrationStore,
         log: Log,
     ) -> None:

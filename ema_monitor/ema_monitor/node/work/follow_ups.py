@@ -16,7 +16,7 @@ from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.messages import curve_to_message
 from ema_monitor.node.publish.outputs import Outputs
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.prognosis.advice import advise
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -44,7 +44,7 @@ class FollowUps:
         self,
         outputs: Outputs,
         histories: Histories,
-        settings: MonitorSettings,
+        settings: NodeSettings,
         store: CalibrationStore,
         log: Log,
     ) -> None:

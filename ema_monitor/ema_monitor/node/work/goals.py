@@ -13,7 +13,7 @@ from rclpy.action.server import CancelResponse, GoalResponse
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
 from ema_monitor.node.publish.log import Log
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.windows.finder import Segment
 from ema_ros import topics
 from ema_ros.managed_node import ManagedNode
@@ -35,7 +35,7 @@ class Goals:
     """
 
     def __init__(
-        self, node: ManagedNode, actuators: Actuators, settings: MonitorSettings, log: Log
+        self, node: ManagedNode, actuators: Actuators, settings: NodeSettings, log: Log
     ) -> None:
         self._node = node
         self._actuators = actuators

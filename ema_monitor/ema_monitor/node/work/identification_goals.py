@@ -13,7 +13,7 @@ from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.messages import estimate_to_message, unknown_estimate
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.goals import Goals
 from ema_monitor.node.work.worker import IdentificationWorker
 from ema_monitor.windows.finder import Segment
@@ -30,7 +30,7 @@ class IdentificationGoals:
         goals: Goals,
         worker: IdentificationWorker,
         actuators: Actuators,
-        settings: MonitorSettings,
+        settings: NodeSettings,
         store: CalibrationStore,
     ) -> None:
         self._goals = goals

@@ -34,7 +34,7 @@ class Reception(Protocol):
         ...
 
 
-class Prognosis:
+class UnitPrognoses:
     """Health and remaining life of each unit. Thread-safe."""
 
     def __init__(

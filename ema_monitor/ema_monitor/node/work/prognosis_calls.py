@@ -18,7 +18,7 @@ from ema_monitor.node.publish.messages import (
     unknown_health,
 )
 from ema_monitor.node.work.histories import PROGNOSIS, Histories
-from ema_monitor.node.work.prognosis import Prognosis
+from ema_monitor.node.work.prognosis import UnitPrognoses
 from ema_monitor.reports import scenario_report
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
@@ -35,7 +35,7 @@ class PrognosisCalls:
         self,
         node: ManagedNode,
         histories: Histories,
-        prognosis: Prognosis,
+        prognosis: UnitPrognoses,
         actuators: Actuators,
         log: Log,
     ) -> None:

@@ -11,7 +11,7 @@ from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.follow_ups import FollowUps
 from ema_monitor.node.work.histories import PROGNOSIS, Histories
-from ema_monitor.node.work.prognosis import Prognosis
+from ema_monitor.node.work.prognosis import UnitPrognoses
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import requirements_of
 from ema_monitor.windows.trigger import Refusal
@@ -27,7 +27,7 @@ class Results:
         self,
         node: ManagedNode,
         histories: Histories,
-        prognosis: Prognosis,
+        prognosis: UnitPrognoses,
         follow_ups: FollowUps,
         actuators: Actuators,
         outputs: Outputs,

@@ -7,19 +7,19 @@ from pathlib import Path
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR
 from ema_interfaces.msg import NodeStatus
-from ema_monitor.baselines.changes import Change
+from ema_monitor.baselines.changes import BaselineChange
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.outputs import Outputs
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.calibration_calls import CalibrationCalls
 from ema_monitor.node.work.follow_ups import FollowUps
 from ema_monitor.node.work.goals import Goals
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.identification_goals import IdentificationGoals
-from ema_monitor.node.work.prognosis import Prognosis, Reception
+from ema_monitor.node.work.prognosis import Reception, UnitPrognoses
 from ema_monitor.node.work.prognosis_calls import PrognosisCalls
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
@@ -49,7 +49,7 @@ class Work:
         reception: Reception,
         actuators: Actuators,
         outputs: Outputs,
-        settings: MonitorSettings,
+        settings: NodeSettings,
         store: CalibrationStore,
         baseline_folder: Path | None,
         now_ns: Callable[[], int],
@@ -58,7 +58,7 @@ class Work:
         is_simulated: bool,
     ) -> None:
         self._actuators = actuators
-        prognosis = Prognosis(histories, reception, settings.operation, store, now_ns, log)
+        prognosis = UnitPrognoses(histories, reception, settings.operation, store, now_ns, log)
         self._prognosis, self._log = prognosis, log
         self.baselines = Baselines(
             baseline_folder,
@@ -102,7 +102,9 @@ class Work:
         )
         PrognosisCalls(node, histories, prognosis, actuators, log)
 
-    def _announce(self, description: ActuatorDescription, change: Change, is_forced: bool) -> None:
+    def _announce(
+        self, description: ActuatorDescription, change: BaselineChange, is_forced: bool
+    ) -> None:
         """Add the change of a baseline to the history of its unit."""
         self._log.info(f"{description.actuator_id}: baseline: {change}")
         calibration_id = change.after or "none, to learn again,"

@@ -15,7 +15,7 @@ from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Generation
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
-from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.actuator_work import ActuatorWork
 from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.histories import Histories
@@ -57,7 +57,7 @@ class IdentificationWorker:
         histories: Histories,
         actuators: Actuators,
         baselines: Baselines,
-        settings: MonitorSettings,
+        settings: NodeSettings,
         store: CalibrationStore,
         log: Log,
         *,

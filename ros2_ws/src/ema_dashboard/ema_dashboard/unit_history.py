@@ -70,7 +70,7 @@ class ActuatorHistory:
             self._trim()
         if lost:
             text = f"the monitor started a new history, without {counted(lost, 'earlier test')}"
-            self._happened(next(iter(history.tests)).stamp, EventKind.HISTORY, text)
+            self._happened(next(iter(history.tests)).stamp, EventKind.HISTORY, text, lost)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
         """Add an estimate. Return whether the monitor has restarted since the previous estimate.
@@ -113,7 +113,8 @@ class ActuatorHistory:
 
     def note_gap(self, stamp: Time, samples: int) -> None:
         """Add an event about missing samples of telemetry."""
-        self._happened(stamp, EventKind.GAP, f"{counted(samples, 'sample')} of telemetry missing")
+        text = f"{counted(samples, 'sample')} of telemetry missing"
+        self._happened(stamp, EventKind.GAP, text, samples)
 
     def rewind(self, time_ns: int) -> None:
         """Discard entries later than a time [ns]."""
@@ -147,11 +148,11 @@ class ActuatorHistory:
             actuator_id=self._actuator_id, serial_number=self.serial_number, is_addition=is_addition
         )
 
-    def _happened(self, stamp: Time, kind: EventKind, text: str) -> None:
+    def _happened(self, stamp: Time, kind: EventKind, text: str, count: int = 0) -> None:
         """Add an event that is not reported by any message."""
-        hours = self._health.flight_hours if self._health else math.nan
-        text = text[:_MOST_TEXT]
-        self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind.value, text=text)])
+        event = UnitEvent(stamp=stamp, kind=kind.value, text=text[:_MOST_TEXT], count=count)
+        event.flight_hours = self._health.flight_hours if self._health else math.nan
+        self._add_events([event])
 
     def _add_events(self, events: Iterable[UnitEvent]) -> None:
         new = {key: event for event in events if (key := _identity(event)) not in self._events}

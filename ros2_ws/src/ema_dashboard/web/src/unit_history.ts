@@ -105,10 +105,10 @@ export class UnitRecord {
 
 /** Notice that the monitor started a new history, until it has as many tests as were lost; else "". */
 export function begunAnew({ events, stamp }: HistoryColumns): string {
-  const event = events.findLast(({ kind, text }) => kind === "history" && /without \d+/.test(text));
+  const event = events.findLast(({ kind, count }) => kind === "history" && count > 0);
   if (!event) return "";
-  const lost = Number(/without (\d+)/.exec(event.text)![1]);
-  return stamp.filter((time) => time >= seconds(event.stamp)).length < lost ? event.text : "";
+  const tests = stamp.filter((time) => time >= seconds(event.stamp)).length;
+  return tests < event.count ? event.text : "";
 }
 
 function identityOf(event: UnitEvent): string {

@@ -331,8 +331,8 @@ test("an alarm of a silent monitor stays, marked as old", () => {
 });
 
 test("tests that a monitor has lost are reported until it has as many again, with any counting", () => {
-  const event = (kind, text) => ({ kind, text, stamp: { sec: 50, nanosec: 0 } });
-  const anew = event("history", "the monitor started a new history, without 3 earlier tests");
+  const event = (kind, text, count = 0) => ({ kind, text, count, stamp: { sec: 50, nanosec: 0 } });
+  const anew = event("history", "the monitor started a new history", 3);
   const words = (events, ...stamp) => begunAnew({ events, stamp: Float64Array.from(stamp) });
   assert.equal(words([anew, event("note", "Ada: seen")], 10, 20, 30, 50, 60), anew.text);
   assert.equal(words([anew], 50, 60, 70), "");
