@@ -286,6 +286,7 @@ export interface UnitEvent {
   flight_hours: number;
   kind: string;
   text: string;
+  count: number;
 }
 
 export interface UnitHistory {
