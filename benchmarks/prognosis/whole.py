@@ -55,7 +55,7 @@ def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:
             for outlook in outlooks
         ]
         samples = np.full((len(outlooks), 1), np.nan)
-        hours = np.array([outlook.hours for outlook in outlooks])
+        hours = np.array([outlook.flight_hours for outlook in outlooks])
         low, median, high = np.array(ruls).T
         made = Predictions(hours, low, median, high, samples, np.array(spent))
         scores[name] = LifeScore.of(scored.kind, end, made)

@@ -31,7 +31,9 @@ _TEXT: Final = pa.string()
 _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _LEVELS: Final = pa.map_(_TEXT, pa.int8())
-_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "code": _TEXT, "figures": _TEXT})
+_EVENT: Final = pa.struct(
+    {"stamp_ns": _INT, "flight_hours": _FLOAT, "code": _TEXT, "figures": _TEXT}
+)
 
 TESTS: Final = "manifest.test"
 ASSESSMENTS: Final = "manifest.assessment"
@@ -58,7 +60,7 @@ HISTORY_TABLES: Final = {
     ASSESSMENTS: pa.schema(
         {
             "stamp_ns": _INT,
-            "hours": _FLOAT,
+            "flight_hours": _FLOAT,
             "level": pa.int8(),
             "health_index": _FLOAT,
             "dominant_fault": _TEXT,
@@ -190,9 +192,14 @@ def _event_row(event: UnitEvent) -> dict[str, Any]:
     figures = event.occurrence.as_record()
     code = figures.pop("code")
     text = json.dumps(figures, ensure_ascii=False)
-    return {"stamp_ns": event.stamp_ns, "hours": event.hours, "code": code, "figures": text}
+    return {
+        "stamp_ns": event.stamp_ns,
+        "flight_hours": event.flight_hours,
+        "code": code,
+        "figures": text,
+    }
 
 
 def _event_from(row: Row) -> UnitEvent:
     record = {"code": row["code"], **json.loads(row["figures"])}
-    return UnitEvent(row["stamp_ns"], row["hours"], Occurrence.of_record(record))
+    return UnitEvent(row["stamp_ns"], row["flight_hours"], Occurrence.of_record(record))

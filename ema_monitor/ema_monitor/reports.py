@@ -60,7 +60,7 @@ class EventReport:
         """Return the report of an event."""
         return cls(
             Stamp.of(event.stamp_ns),
-            event.hours,
+            event.flight_hours,
             event.kind.value,
             text_of(event.occurrence),
             event.occurrence.count,

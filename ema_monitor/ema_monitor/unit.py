@@ -354,7 +354,10 @@ class Unit:
                 raise ValueError("there is no history yet: no valid test so far")
             newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
             newest, noted = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
-            hours, published = noted.hours if noted else math.nan, newest.events if newest else ()
+            hours, published = (
+                noted.flight_hours if noted else math.nan,
+                newest.events if newest else (),
+            )
             self._pending.add_note(person, text, stamp_ns or newest_ns, hours, published)
             self._intermittent.acknowledge(
                 self.history.time_of(stamp_ns) if stamp_ns else newest_ns

@@ -64,8 +64,8 @@ def test_no_life_is_reported_before_five_tests_after_a_repair(law, seed):
     soon = made[last : last + LEAST_TESTS - 1]
     assert OK in {outlook.health.level for outlook in soon}
     for number, outlook in enumerate(soon, start=1):
-        words = f"fewer than 5 tests since the repair or new baseline at {made[last].hours:,.0f} h"
-        assert words in outlook.rul.reason
+        begin = f"the repair or new baseline at {made[last].flight_hours:,.0f} h"
+        assert f"fewer than 5 tests since {begin}" in outlook.rul.reason
         assert f"about {LEAST_TESTS - number} more test" in outlook.rul.reason
         assert not any(life.known for life in outlook.lives.values())
         assert math.isnan(outlook.removal.hours)

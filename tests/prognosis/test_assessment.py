@@ -61,7 +61,7 @@ def test_level_of_a_healthy_unit_is_as_sharp_as_its_tests(hours):
 def kinds(unit: Unit) -> list[tuple[float, str, str]]:
     tests, _ = unit.latest_tests(1000)
     return [
-        (event.hours, event.kind, text_of(event.occurrence))
+        (event.flight_hours, event.kind, text_of(event.occurrence))
         for test in tests
         for event in (test.assessment.events if test.assessment else ())
     ]
@@ -71,7 +71,7 @@ def test_assessment_survives_conversion_to_text():
     event = UnitEvent(7, math.nan, Note("Ada", "seen"))
     whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
     assert str(read_assessment(assessment_text(whole))) == str(whole)
-    unknown = replace(whole, hours=math.nan, health_index=math.nan, life=None)
+    unknown = replace(whole, flight_hours=math.nan, health_index=math.nan, life=None)
     assert str(read_assessment(assessment_text(unknown))) == str(unknown)
 
 

@@ -88,7 +88,7 @@ def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tm
     ) or text_of(event.occurrence).startswith(
         "baseline changed by Ada, forced: second instead of first, which showed friction 0.40"
     )
-    assert math.isfinite(event.hours)
+    assert math.isfinite(event.flight_hours)
     follow(unit, 5, [0.0] * 30, "second")
     unit.history.close()
     again = Unit(History(*UNIT, path), HOURS)

@@ -35,7 +35,7 @@ def baseline_change(
     shown = ((item.name, float(item.value)) for item in faults if item.share > SHOWN_SHARE)
     change = BaselineChanged(person, _baseline(newest), calibration_id, tuple(shown))
     assessment = history.assessments.get(newest.stamp_ns)
-    hours = assessment.hours if assessment else math.nan
+    hours = assessment.flight_hours if assessment else math.nan
     return UnitEvent(newest.stamp_ns, hours, change)
 
 

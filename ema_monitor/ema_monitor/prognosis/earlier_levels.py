@@ -65,7 +65,7 @@ def failed_since(outlook: Outlook, history: History) -> float:
             assessment = history.assessments.get(entry.stamp_ns)
             if assessment is None or assessment.level != ERROR:
                 break
-            since = assessment.hours
+            since = assessment.flight_hours
     return since
 
 

@@ -75,7 +75,7 @@ class UnitEvent:
 
     stamp_ns: int
     """Stamp of the test that showed the event [ns]."""
-    hours: float
+    flight_hours: float
     """Service hours at the event [h]; NaN when unknown."""
     occurrence: Occurrence
     """What happened."""

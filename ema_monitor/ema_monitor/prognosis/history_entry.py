@@ -159,7 +159,7 @@ class Assessment:
     """Health and remaining life after a test."""
 
     stamp_ns: int
-    hours: float
+    flight_hours: float
     """Stamp of the test [ns] and its service hours [h]; NaN when unknown."""
     level: int
     health_index: float
@@ -240,7 +240,7 @@ def assessment_text(assessment: Assessment) -> str:
     events = [
         {
             "stamp_ns": event.stamp_ns,
-            "hours": event.hours,
+            "flight_hours": event.flight_hours,
             "occurrence": event.occurrence.as_record(),
         }
         for event in assessment.events
@@ -257,7 +257,9 @@ def read_assessment(text: str) -> Assessment:
         **record,
         life=tuple(life) if life else None,
         events=tuple(
-            UnitEvent(event["stamp_ns"], event["hours"], Occurrence.of_record(event["occurrence"]))
+            UnitEvent(
+                event["stamp_ns"], event["flight_hours"], Occurrence.of_record(event["occurrence"])
+            )
             for event in events
         ),
     )
