@@ -9,6 +9,7 @@ import pyarrow as pa
 from ema_archive.bag_task import DAMAGED, FAILED, unit_name
 from ema_archive.sources import calibration_of
 from ema_archive.store import Store
+from ema_monitor.reasons import Reason
 
 _SUSPECTS: Final = """
 WITH suspect AS (
@@ -76,7 +77,7 @@ def _units_beside(db: duckdb.DuckDBPyConnection) -> pa.Table:
     rows = [
         {"beside": beside, "unit": unit_name(calibration.actuator_id, calibration.serial_number)}
         for beside, calibration in calibrations
-        if not isinstance(calibration, str)
+        if not isinstance(calibration, Reason)
     ]
     return pa.Table.from_pylist(rows, pa.schema([("beside", pa.string()), ("unit", pa.string())]))
 

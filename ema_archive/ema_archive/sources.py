@@ -22,6 +22,7 @@ from ema_bags.suffixes import BAGS
 from ema_core.description import UnitKey
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
+from ema_monitor.reasons import CalibrationMissing, CalibrationUnusable, NoCalibration, Reason
 
 _OF_THE_LOCAL_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
@@ -163,7 +164,7 @@ def _mark(infos: list[dict[str, Any]]) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
-def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
+def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | CalibrationMissing:
     """Return the calibration of a unit, or the reason why there is none.
 
     Parameters
@@ -188,7 +189,7 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
         with _clear_errors(url):
             mark = _mark([files.info(path)])
     except FileNotFoundError:
-        return f"there is no calibration: {url} is missing"
+        return NoCalibration(url)
     return _loaded(url, mark)
 
 
@@ -212,9 +213,9 @@ def changed_ns(source: str, unit: UnitKey) -> int | None:
     return round(changed.timestamp() * 1e6) * 1000
 
 
-def identity_of(calibration: AnyCalibration | str) -> str:
+def identity_of(calibration: AnyCalibration | CalibrationMissing) -> str:
     """Return the identity of a calibration, or "" for the reason why there is none."""
-    return "" if isinstance(calibration, str) else calibration.calibration_id
+    return "" if isinstance(calibration, Reason) else calibration.calibration_id
 
 
 def _url_for(source: str, unit: UnitKey) -> str:
@@ -224,9 +225,9 @@ def _url_for(source: str, unit: UnitKey) -> str:
 
 
 @lru_cache(256)
-def _loaded(url: str, mark: str) -> AnyCalibration | str:
+def _loaded(url: str, mark: str) -> AnyCalibration | CalibrationMissing:
     with local_copy(url) as path:
         try:
             return load_calibration(path)
         except ValueError as error:
-            return f"the calibration cannot be used: {str(error).replace(str(path), url)}"
+            return CalibrationUnusable(str(error).replace(str(path), url))

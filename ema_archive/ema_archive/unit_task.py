@@ -32,6 +32,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import Reason
 from ema_monitor.reports import health_report
 from ema_monitor.unit import Unit
 
@@ -112,7 +113,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     limit_threads(1)
     entry, settings = task.entry, task.settings.prognosis
     calibration = calibration_of(entry.source, entry.key)
-    parameters = None if isinstance(calibration, str) else calibration.unit_parameters
+    parameters = None if isinstance(calibration, Reason) else calibration.unit_parameters
     names = {"actuator_id": entry.actuator_id, "serial_number": entry.serial_number}
     shared = names | {"software": prognosis_software(), "settings": task.settings.prognosis_id}
     maker = made_by(task.settings, identity_of(calibration))

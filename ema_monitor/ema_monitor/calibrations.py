@@ -20,6 +20,7 @@ from ema_monitor.calibration.stored import MOST_BYTES, is_calibration_file
 from ema_monitor.faulty_baseline import fault_instead
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.reason_texts import differences_text
+from ema_monitor.reasons import CalibrationMissing, CalibrationUnusable, NoCalibration
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | JointCalibration
@@ -148,7 +149,7 @@ class CalibrationStore:
         self._in_use: dict[UnitKey, AnyCalibration] = {}
         self._set_path(ActuatorDescription())
 
-    def of(self, description: ActuatorDescription) -> AnyCalibration | str:
+    def of(self, description: ActuatorDescription) -> AnyCalibration | CalibrationMissing:
         """Return the calibration of an actuator, or the reason why it has none."""
         key = description.unit_key
         if key not in self._in_use and self._pattern(description):
@@ -156,11 +157,9 @@ class CalibrationStore:
             try:
                 self._in_use[key] = load_calibration(path)
             except FileNotFoundError:
-                return (
-                    f"there is no calibration yet: {path} is missing; calibrate on the healthy unit"
-                )
+                return NoCalibration(str(path))
             except (ValueError, OSError) as error:
-                return f"the calibration cannot be used: {error}"
+                return CalibrationUnusable(str(error))
         return self._in_use.get(key) or Calibration.builtin()
 
     def use(self, description: ActuatorDescription, calibration: JointCalibration | None) -> None:

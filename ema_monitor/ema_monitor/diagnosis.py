@@ -3,7 +3,7 @@
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,10 +24,11 @@ from ema_monitor.identification.tally import CombinationSettings, Combining, Tal
 from ema_monitor.joint.departure import Departure
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.reasons import Reason, StretchesInsufficient
+from ema_monitor.reasons import CalibrationMissing, Reason, StretchesInsufficient
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+_CALIBRATIONS: Final = (*CALIBRATIONS, *get_args(CalibrationMissing))
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
 """Number of standard deviations beyond which a fault or cause explains a departure."""
@@ -36,7 +37,7 @@ _CAUSE_EXPLAINS: Final = 2.0
 def _identified(
     window: Window | Refusal,
     description: ActuatorDescription,
-    calibration: AnyCalibration | str,
+    calibration: AnyCalibration | CalibrationMissing,
     settings: SearchSettings,
     force: bool,
     previous: ArrayLike | None,
@@ -52,7 +53,9 @@ def _identified(
     return _judged(result.estimate, _figures(window, calibration), calibration, description)
 
 
-def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[WindowFigures]:
+def _figures(
+    window: Window | Refusal, calibration: AnyCalibration | CalibrationMissing
+) -> list[WindowFigures]:
     """Return the figures of a window, if the calibration has a baseline for the comparison.
 
     If a cause was measured, the list is empty: the load may differ from the baseline.
@@ -65,7 +68,7 @@ def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> lis
 def _judged(
     estimate: Estimate,
     parts: Sequence[WindowFigures],
-    calibration: AnyCalibration | str,
+    calibration: AnyCalibration | CalibrationMissing,
     description: ActuatorDescription,
 ) -> Estimate:
     """Return the estimate, with the verdict "departed" if nothing explains a departure.
@@ -132,7 +135,7 @@ class Identification:
         self,
         window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: AnyCalibration | str,
+        calibration: AnyCalibration | CalibrationMissing,
         settings: SearchSettings,
         *,
         force: bool = False,
@@ -149,7 +152,7 @@ class Identification:
 def identify(
     window: Window | Refusal,
     description: ActuatorDescription | None = None,
-    calibration: AnyCalibration | str | None = None,
+    calibration: AnyCalibration | CalibrationMissing | None = None,
     settings: SearchSettings | None = None,
     *,
     force: bool = False,
@@ -182,7 +185,12 @@ def identify(
     identification = Identification(
         window,
         value_or_default("description", description, ActuatorDescription, ActuatorDescription),
-        value_or_default("calibration", calibration, (*CALIBRATIONS, str), Calibration.builtin),
+        value_or_default(
+            "calibration",
+            calibration,
+            (*CALIBRATIONS, *get_args(CalibrationMissing)),
+            Calibration.builtin,
+        ),
         value_or_default("settings", settings, SearchSettings, SearchSettings),
         force=force,
         previous=previous,
@@ -236,7 +244,7 @@ class _Motion:
     combination: Combining
     key: tuple[object, ...]
     description: ActuatorDescription
-    calibration: AnyCalibration | str
+    calibration: AnyCalibration | CalibrationMissing
     search: SearchSettings
 
     since: dict[int, tuple[int, int, list[WindowFigures]]] = field(default_factory=dict)
@@ -279,7 +287,7 @@ class Diagnosis:
     def add(
         self,
         segment: NumberedWindow,
-        calibration: AnyCalibration | str,
+        calibration: AnyCalibration | CalibrationMissing,
         search: SearchSettings,
         combining: CombinationSettings | None = None,
         *,
@@ -360,7 +368,7 @@ class Diagnosis:
         self,
         window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: Calibration | str,
+        calibration: Calibration | CalibrationMissing,
         search: SearchSettings,
         combining: CombinationSettings,
         previous: NDArray[np.float64] | None,
@@ -404,13 +412,13 @@ class Diagnosis:
         return []
 
 
-def _identity(calibration: AnyCalibration | str) -> str:
-    return calibration if isinstance(calibration, str) else calibration.calibration_id
+def _identity(calibration: AnyCalibration | CalibrationMissing) -> str | CalibrationMissing:
+    return calibration if isinstance(calibration, Reason) else calibration.calibration_id
 
 
 def diagnose(
     windows: Iterable[NumberedWindow],
-    calibration: AnyCalibration | str,
+    calibration: AnyCalibration | CalibrationMissing,
     search: SearchSettings | None = None,
     combining: CombinationSettings | None = None,
     *,

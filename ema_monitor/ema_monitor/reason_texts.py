@@ -448,7 +448,11 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.MotorStill: "no excitation: the motor stands still although the command moves",
     of.NotDetermined: ("no excitation: the {r.subject} determines no fault better than its range"),
-    of.NoCalibration: "{r.detail}",
+    of.NoCalibration: (
+        "there is no calibration yet: {r.file} is missing; calibrate on the healthy unit"
+    ),
+    of.CalibrationUnusable: "the calibration cannot be used: {r.error}",
+    of.BaselineUnusable: "the baseline cannot be used: {r.error}",
     of.Learning: _learning,
     of.DriveUnknown: (
         "drive = unknown, but the calibration is of a known drive; calibrate on healthy motion of "

@@ -392,9 +392,30 @@ Difference = tuple[str, str | float, str | float]
 
 @dataclass(frozen=True)
 class NoCalibration(Reason, code="no_calibration"):
-    """There is no calibration, or it cannot be used."""
+    """There is no calibration yet: its file does not exist."""
 
-    detail: str
+    file: str
+    """Path or address of the file."""
+
+
+@dataclass(frozen=True)
+class CalibrationUnusable(Reason, code="calibration_unusable"):
+    """The calibration file cannot be read, or is not a calibration."""
+
+    error: str
+    """Message of the reader, with the file."""
+
+
+@dataclass(frozen=True)
+class BaselineUnusable(Reason, code="baseline_unusable"):
+    """The learned baseline of the unit cannot be read or written."""
+
+    error: str
+    """Message of the operating system or reader."""
+
+
+CalibrationMissing = NoCalibration | CalibrationUnusable
+"""Reason why an actuator has no calibration."""
 
 
 @dataclass(frozen=True)

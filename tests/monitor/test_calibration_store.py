@@ -13,6 +13,7 @@ from ema_monitor.calibrations import AnyCalibration, CalibrationStore, load_cali
 from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.window_baseline import ReferenceWindow, WindowBaseline
 from ema_monitor.joint.window_figures import Motion, WindowFigures
+from ema_monitor.reasons import CalibrationMissing, CalibrationUnusable, NoCalibration
 
 from .windows import shortened
 
@@ -27,7 +28,7 @@ def of_unit(description: ActuatorDescription) -> Calibration:
     return replace(SMALL, **unit)
 
 
-def identity(calibration: AnyCalibration | str) -> str:
+def identity(calibration: AnyCalibration | CalibrationMissing) -> str:
     assert isinstance(calibration, Calibration), calibration
     return calibration.calibration_id
 
@@ -94,9 +95,9 @@ def test_missing_or_damaged_file_is_reported_and_read_once_it_exists(tmp_path: P
     file = tmp_path / "calibration.yaml"
     store = CalibrationStore(str(file), tmp_path)
     assert str(file) in str(store.of(FLAP))
-    assert "missing" in str(store.of(FLAP))
+    assert isinstance(store.of(FLAP), NoCalibration)
     file.write_text("[")
-    assert "cannot be used" in str(store.of(FLAP))
+    assert isinstance(store.of(FLAP), CalibrationUnusable)
     assert str(file) in str(store.of(FLAP))
     SMALL.save(file)
     assert identity(store.of(FLAP)) == SMALL.calibration_id

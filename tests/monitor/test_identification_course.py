@@ -14,7 +14,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import NoCalibration, StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -146,7 +146,10 @@ def test_invalid_previous_estimate_is_refused(windows_of, calibration, descripti
 
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
     search = SearchSettings("pso", seed=3)
-    for item, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
+    for item, identity in (
+        (calibration, calibration.calibration_id),
+        (NoCalibration("c.yaml"), ""),
+    ):
         estimate = identify(
             Refusal(5, 9, StatedReason("gap of 3 samples")), description, item, search
         )
@@ -161,9 +164,10 @@ def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
 
 
 def test_window_without_calibration_is_refused_with_the_missing_part(healthy_windows, description):
-    window, missing = healthy_windows[0], "calibration.yaml is missing"
+    window, missing = healthy_windows[0], NoCalibration("calibration.yaml")
     estimate = identify(window, description, missing)
-    assert (estimate.valid, estimate.reason) == (False, missing)
+    assert (estimate.valid, estimate.reasons) == (False, (missing,))
+    assert "calibration.yaml is missing" in estimate.reason
     assert estimate.excitation == window.excitation > 0.0
     assert (estimate.start_ns, estimate.end_ns) == (window.start_ns, window.end_ns)
 
@@ -177,7 +181,7 @@ def test_search_begins_at_the_last_valid_estimate_of_the_same_unit_and_calibrati
     def identified(
         item: Window | Refusal = window,
         described: ActuatorDescription = description,
-        by: Calibration | str = calibration,
+        by: Calibration | NoCalibration = calibration,
     ) -> Estimate:
         *_, last = diagnosis.add(Segment(0, described, item), by, SearchSettings())
         assert isinstance(last, Diagnosed)
@@ -189,7 +193,7 @@ def test_search_begins_at_the_last_valid_estimate_of_the_same_unit_and_calibrati
     # A refused window changes nothing.
     for item, by in (
         (Refusal(5, 9, StatedReason("gap")), calibration),
-        (window, "there is no calibration"),
+        (window, NoCalibration("c.yaml")),
     ):
         assert not identified(item, by=by).valid
     expected = identify(window, description, calibration, previous=warm.faults)

@@ -14,7 +14,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import NoCalibration, StatedReason
 from ema_monitor.windows.trigger import Refusal
 from ema_sim.actuator import SimulatedActuator
 
@@ -128,11 +128,11 @@ def test_only_a_refusal_for_lack_of_a_calibration_has_no_identity(window, calibr
     slower = changed(window, sample_period=2e-4)
     still = changed(window, **standing(window.telemetry, 22.0))
     cut = Refusal(0, 1, StatedReason("the calibration was running"))
-    assert identify(window, description, "no file").lacks_calibration
+    assert identify(window, description, NoCalibration("c.yaml")).lacks_calibration
     assert identify(window, OTHER_UNIT, calibration).lacks_calibration
     assert identify(slower, description, calibration).lacks_calibration
     assert not identify(still, description, calibration).lacks_calibration
-    assert not identify(cut, description, "no file").lacks_calibration
+    assert not identify(cut, description, NoCalibration("c.yaml")).lacks_calibration
 
 
 def test_command_that_the_motion_did_not_follow_is_refused(window, calibration, description):

@@ -22,7 +22,8 @@ from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node.work import worker as identification_worker
 from ema_monitor.node.work.worker import IdentificationWorker
-from ema_monitor.reasons import MonitorInactive, StatedReason
+from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import MonitorInactive, NoCalibration, StatedReason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -32,6 +33,7 @@ from ..waiting import wait_for
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
 DEADLINE_S = 10.0
+NONE = text_of(NoCalibration("c.yaml"))
 
 
 def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
@@ -60,7 +62,7 @@ class Published:
             actuators=cast(Any, {"flap": self.status}),
             settings=cast(Any, self.settings),
             baselines=cast(Any, SimpleNamespace(learn=lambda _: None, note=lambda *_: None)),
-            store=cast(Any, SimpleNamespace(of=lambda _: "no calibration")),
+            store=cast(Any, SimpleNamespace(of=lambda _: NoCalibration("c.yaml"))),
             log=cast(Any, self),
             is_simulated=True,
         )
@@ -143,7 +145,7 @@ def test_thread_that_ends_refuses_its_window_and_is_restarted(
     assert "the identification thread has ended: " + how.__name__ in message
     assert "Traceback" in published.errors[0]
     assert [number for number, _ in published.estimates] == [0, 1, 2]
-    assert [reason for _, reason in published.estimates[1:]] == ["no calibration"] * 2
+    assert [reason for _, reason in published.estimates[1:]] == [NONE] * 2
     assert published.estimates[0][1] == message
     worker.stop()
 
@@ -159,11 +161,7 @@ def test_window_outside_of_start_and_stop_is_refused(published: Published):
     for segment in (found(2), found(3, Refusal(5, 6, StatedReason("gap")))):
         assert not worker.add(segment)
         worker.refuse(segment, MonitorInactive(), is_dropped=True)
-    assert published.estimates == [
-        (1, "no calibration"),
-        (2, "the monitor is not active"),
-        (3, "gap"),
-    ]
+    assert published.estimates == [(1, NONE), (2, "the monitor is not active"), (3, "gap")]
 
 
 def test_windows_that_wait_at_the_stop_are_refused_in_order(
@@ -186,7 +184,7 @@ def test_windows_that_wait_at_the_stop_are_refused_in_order(
     published.until(lambda: len(published.estimates) == 4)
     wait_for(lambda: not thread.is_alive, "the end of that thread")
     worker.stop()
-    assert published.estimates[3:] == [(3, "no calibration")]
+    assert published.estimates[3:] == [(3, NONE)]
 
 
 def test_stop_waits_for_the_estimate_that_is_being_published(
@@ -210,7 +208,7 @@ def test_stop_waits_for_the_estimate_that_is_being_published(
     worker.stop()
     stopped.set()
     assert returned == [False]
-    assert published.estimates == [(0, "no calibration")]
+    assert published.estimates == [(0, NONE)]
 
 
 def test_window_that_cannot_be_published_does_not_end_the_others(published: Published):
@@ -224,7 +222,7 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
     published.until(lambda: len(published.errors) == 1)
     published.hold = lambda: None
     worker.add(found(1))
-    published.until(lambda: published.estimates == [(1, "no calibration")])
+    published.until(lambda: published.estimates == [(1, NONE)])
     assert worker.status()[0] == OK
     worker.stop()
 

@@ -27,7 +27,7 @@ from ema_monitor.identification.search import Generation, ModelIdentification, S
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
-from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
+from ema_monitor.reasons import CalibrationMissing, MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
@@ -75,7 +75,7 @@ class Combination(Combining):
     def __init__(
         self,
         description: ActuatorDescription,
-        calibration: Calibration | str,
+        calibration: Calibration | CalibrationMissing,
         search: SearchSettings | None = None,
         settings: CombinationSettings | None = None,
         *,
@@ -84,9 +84,9 @@ class Combination(Combining):
     ) -> None:
         super().__init__(settings or CombinationSettings())
         self._description = description
-        self._calibration_id = "" if isinstance(calibration, str) else calibration.calibration_id
+        self._calibration_id = "" if isinstance(calibration, Reason) else calibration.calibration_id
         self._calibration = (
-            calibration if isinstance(calibration, str) else calibration.of_any_motion()
+            calibration if isinstance(calibration, Reason) else calibration.of_any_motion()
         )
         self._search = search or SearchSettings()
         if self._search.fitness != DEFAULT_FITNESS:
@@ -105,7 +105,7 @@ class Combination(Combining):
             self.tally = self.tally.plus(skipped=1)
             return
         self._examined += 1
-        if not isinstance(self._calibration, str) and not self._is_worthwhile(
+        if not isinstance(self._calibration, Reason) and not self._is_worthwhile(
             stretch, self._calibration
         ):
             self.tally = self.tally.plus(skipped=1)

@@ -276,7 +276,7 @@ def refusal(
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
         verdict = SKIPPED
-    is_calibrated = not isinstance(calibration, str)
+    is_calibrated = not isinstance(calibration, str | Reason)
     return Estimate(
         window.start_ns,
         window.end_ns,

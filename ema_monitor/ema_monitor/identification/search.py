@@ -26,10 +26,10 @@ from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.reasons import (
+    CalibrationMissing,
     Difference,
     DriveUnknown,
     FitnessNeedsCurrent,
-    NoCalibration,
     NoFiniteCost,
     NotConverged,
     NotMeasured,
@@ -104,7 +104,7 @@ class ModelIdentification:
     is a refusal as well."""
     description: ActuatorDescription
     """Description of the actuator."""
-    calibration: Calibration | str
+    calibration: Calibration | CalibrationMissing
     """Calibration of the model, or the reason why there is none. Without a calibration that matches
     the actuator and window, the estimate is a refusal."""
     settings: SearchSettings
@@ -130,8 +130,8 @@ class ModelIdentification:
         window, calibration = self.window, self.calibration
         if isinstance(window, Refusal):
             return self._refused(window.cause)
-        if isinstance(calibration, str):
-            return self._refused(NoCalibration(calibration), lacks_calibration=True)
+        if isinstance(calibration, Reason):
+            return self._refused(calibration, lacks_calibration=True)
         result = yield from self._search(window, calibration)
         return (yield from self._check_scale(result, window, calibration))
 

@@ -28,6 +28,7 @@ HOLDER = """
 import sys
 from pathlib import Path
 from ema_core.description import ActuatorDescription
+from ema_monitor.reasons import Reason
 from ema_monitor.baselines.unit_baseline import UnitBaseline
 joint = ActuatorDescription("elbow/1", "7", sample_period=1e-2, drive="unknown")
 with UnitBaseline(Path(sys.argv[1]), joint):
@@ -64,7 +65,7 @@ def test_baseline_is_learned_accepted_and_matches_the_calibration_pattern(tmp_pa
         assert baseline.candidates == []
         assert baseline.accepted_by == change
     calibration = CalibrationStore(calibration_pattern(tmp_path), tmp_path).of(JOINT)
-    assert not isinstance(calibration, str)
+    assert not isinstance(calibration, Reason)
     assert calibration.calibration_id == change.after
     with UnitBaseline(tmp_path, JOINT) as again:
         assert again.is_accepted

@@ -22,7 +22,7 @@ from ema_monitor.node.publish.messages import baseline_to_message
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import Operation
 from ema_monitor.reason_texts import text_of
-from ema_monitor.reasons import EffortMissing, NoCalibration, Reason
+from ema_monitor.reasons import BaselineUnusable, EffortMissing, Reason
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros.node_parameters import LiveSettings
@@ -116,7 +116,7 @@ class Baselines:
                     baseline.add(window)
                     change = self._fit(baseline)
             except (OSError, ValueError) as error:
-                return learning_estimate(window, NoCalibration(_unusable_text(error)))
+                return learning_estimate(window, _unusable(error))
             progress = baseline.progress(self._operation.value.accept_after).as_reason
             self._publish(baseline, window.end_ns)
         if change is not None:
@@ -259,5 +259,9 @@ def _unlearnable(description: ActuatorDescription) -> Reason | None:
 
 
 def _unusable_text(error: Exception) -> str:
+    return text_of(_unusable(error))
+
+
+def _unusable(error: Exception) -> BaselineUnusable:
     where = f" ({error.filename})" if isinstance(error, InUseError) else ""
-    return f"the baseline cannot be used: {getattr(error, 'strerror', None) or error}{where}"
+    return BaselineUnusable(f"{getattr(error, 'strerror', None) or error}{where}")

@@ -21,6 +21,7 @@ from ema_monitor.node.work.goals import Goals
 from ema_monitor.node.work.prognosis import UnitPrognoses
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.window import Window
 from ema_ros.executor import SeparateCallbackGroup
 from ema_ros.managed_node import ManagedNode
@@ -160,7 +161,7 @@ class CalibrationCalls:
         if calibration.not_learned:
             text = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
             message += f"; not learned from the healthy windows: {text}"
-        if isinstance(before, str) or before.calibration_id != calibration.calibration_id:
+        if isinstance(before, Reason) or before.calibration_id != calibration.calibration_id:
             outlook = self._prognosis.change_baseline(
                 description, person, calibration.calibration_id, is_forced=request.force
             )

@@ -20,6 +20,7 @@ from ema_monitor.node.settings import NodeSettings
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.prognosis.advice import advise
 from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.window import Window
 
 _JOIN_S: Final = 5.0
@@ -106,7 +107,7 @@ class FollowUps:
             if diagnosed.estimate.comparison is not None:
                 self._add(lambda: self._publish_curve(diagnosed, window, calibration))
             return
-        if isinstance(calibration, str):
+        if isinstance(calibration, Reason):
             return
 
         def publish_fit() -> None:

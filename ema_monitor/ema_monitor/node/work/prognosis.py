@@ -17,6 +17,7 @@ from ema_monitor.node.work.histories import PROGNOSIS, Histories
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
+from ema_monitor.reasons import Reason
 from ema_ros.node_parameters import LiveSettings
 
 _DAY_S: Final = 86_400.0
@@ -116,7 +117,7 @@ class UnitPrognoses:
     def parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
         """Return a unit's parameters from its calibration; None without a calibration."""
         calibration = self._store.of(description)
-        return None if isinstance(calibration, str) else calibration.unit_parameters
+        return None if isinstance(calibration, Reason) else calibration.unit_parameters
 
     def alarm(self, description: ActuatorDescription) -> str:
         """Return why a unit's level is WARN or ERROR; "" for other levels."""
