@@ -20,6 +20,7 @@ from ema_monitor.baselines.unit_baseline import (
     unit_folder,
 )
 from ema_monitor.calibrations import CalibrationStore
+from ema_monitor.reasons import Reason
 from ema_ros.actuator_file import load_description
 
 from .healthy import JOINT, record
@@ -28,7 +29,6 @@ HOLDER = """
 import sys
 from pathlib import Path
 from ema_core.description import ActuatorDescription
-from ema_monitor.reasons import Reason
 from ema_monitor.baselines.unit_baseline import UnitBaseline
 joint = ActuatorDescription("elbow/1", "7", sample_period=1e-2, drive="unknown")
 with UnitBaseline(Path(sys.argv[1]), joint):
