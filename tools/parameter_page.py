@@ -27,7 +27,8 @@ same information for a running node. `-p NAME:=VALUE` and parameter files set th
   definition of a window changes, the node refuses the current window.
 - **configure**: can be changed while the node is unconfigured or inactive, and takes effect at the
   next configure. An active node refuses it: deactivate the node, set the parameter, then clean up,
-  configure and activate.
+  configure and activate. A node that is activated without this step reports the parameter as a
+  warning in its status `lifecycle`.
 - **unconfigured**: can be changed while the node is unconfigured.
 - **start**: can only be set at startup.
 

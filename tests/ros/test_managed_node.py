@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,7 +20,9 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
+from ema_core.quantity import Checked, quantity
 from ema_ros.managed_node import ManagedNode, entities_of
+from ema_ros.node_parameters import declare
 from ema_ros.status import ERROR, OK, STALE, WARN, Task
 
 from ..waiting import DEADLINE_S, started, wait_for
@@ -135,6 +138,45 @@ def test_status_is_reported_in_every_state(graph: Spinning):
                 **{"lag [s]": "0.25", "count": "3"},
                 **{"fault_code": "EMA_RECORDED_WORK", "ne107": "NORMAL"},
             }
+
+
+@dataclass(frozen=True)
+class Limits(Checked):
+    """Settings that `configure` reads."""
+
+    share: float = quantity(0.2, "-", 0.0, 1.0, "share of a limit")
+
+
+def test_parameter_that_changed_since_configure_is_reported_while_active(graph: Spinning):
+    node, reported = graph.add(Recorded(context=graph.context)), graph.statuses()
+    declare(node, Limits, "limits.")
+
+    def set_share(share: float) -> None:
+        [result] = node.set_parameters([Parameter("limits.share", value=share)])
+        assert result.successful
+
+    def wait_for_status(level: int, words: str) -> None:
+        def is_reported() -> bool:
+            status = reported.get("/ema/recorded: lifecycle")
+            return status is not None and (status.level[0], status.message) == (level, words)
+
+        wait_for(is_reported, f"{words}: {reported}")
+
+    assert node.trigger_configure() == SUCCESS
+    set_share(0.3)
+    assert node.trigger_activate() == SUCCESS
+    remedy = "deactivate, clean up, configure and activate"
+    changed = "limits.share has changed since the node was configured, without effect"
+    wait_for_status(WARN, f"active: {changed}: {remedy}")
+    assert node.trigger_deactivate() == SUCCESS
+    set_share(0.2)
+    assert node.trigger_activate() == SUCCESS
+    wait_for_status(OK, "active")
+    assert node.trigger_deactivate() == SUCCESS
+    set_share(0.3)
+    for trigger in (node.trigger_cleanup, node.trigger_configure, node.trigger_activate):
+        assert trigger() == SUCCESS
+    wait_for_status(OK, "active")
 
 
 @pytest.mark.parametrize("step", ["configure", "deactivate", "clean_up"])

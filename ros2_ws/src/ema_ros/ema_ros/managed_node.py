@@ -24,6 +24,7 @@ from rclpy.timer import Timer
 
 from ema_interfaces.msg import NodeStatus
 from ema_ros import topics
+from ema_ros.node_parameters import values_at_configure
 from ema_ros.peers import Peers, incompatible_publishers, nodes_alive, nodes_in_touch
 from ema_ros.rclpy_private import (
     lifecycle_state,
@@ -79,6 +80,9 @@ class ManagedNode(LifecycleNode):
         self._refused = ""
         self._progress = ""
         self._configured = False
+        # Values of the parameters that ``configure`` has read, and names of those changed since.
+        self._values: dict[str, str] = {}
+        self._unused: list[str] = []
         # Entities not created by ``configure``, and entities created by ``activate``.
         self._kept: list[Any] = []
         self._kept_inactive: list[Any] = []
@@ -265,6 +269,7 @@ class ManagedNode(LifecycleNode):
         result = self._attempt("configure", self.configure)
         self._configured = result == _SUCCESS
         if result == _SUCCESS:
+            self._values = values_at_configure(self)
             return self._done("configured", super().on_configure(state))
         if result == TransitionCallbackReturn.FAILURE:
             destroy_entities(self, self._kept)
@@ -276,6 +281,10 @@ class ManagedNode(LifecycleNode):
         super().on_activate(state)
         result = self._attempt("activate", self.activate)
         if result == _SUCCESS:
+            values = values_at_configure(self)
+            self._unused = [name for name in values if values[name] != self._values.get(name)]
+            if self._unused:
+                self.get_logger().warning(self._unused_parameters)
             return self._done("active", result)
         if result == TransitionCallbackReturn.FAILURE:
             super().on_deactivate(state)
@@ -360,9 +369,22 @@ class ManagedNode(LifecycleNode):
         if self._refused:
             message = f"{self.state}: {self._refused}"
             return Task("lifecycle", ERROR, message, self.hardware_id, values)
-        level = OK if self.state == "active" else WARN
-        message = ": ".join(filter(None, (self.state, self._progress)))
+        is_active = self.state == "active"
+        level = OK if is_active and not self._unused else WARN
+        remark = self._unused_parameters if is_active else ""
+        message = ": ".join(filter(None, (self.state, self._progress or remark)))
         return Task("lifecycle", level, message, self.hardware_id, values)
+
+    @property
+    def _unused_parameters(self) -> str:
+        """Sentence about parameters that were changed between configure and activate, or ""."""
+        if not self._unused:
+            return ""
+        verb = "has" if len(self._unused) == 1 else "have"
+        return (
+            f"{', '.join(self._unused)} {verb} changed since the node was configured, without "
+            "effect: deactivate, clean up, configure and activate"
+        )
 
     def _report_regularly(self) -> None:
         now_s = time.monotonic()

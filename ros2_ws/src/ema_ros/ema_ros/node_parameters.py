@@ -80,6 +80,17 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
         raise ValueError(f"parameter {error}") from error
 
 
+def values_at_configure(node: Node) -> dict[str, str]:
+    """Return the values of the parameters that ``configure`` reads, as texts keyed by name."""
+    names = node.list_parameters([], 0).names
+    descriptors, parameters = node.describe_parameters(names), node.get_parameters(names)
+    return {
+        parameter.name: repr(parameter.value)
+        for descriptor, parameter in zip(descriptors, parameters, strict=True)
+        if AT_CONFIGURE in descriptor.additional_constraints
+    }
+
+
 class _Changes(Generic[Definition]):
     """Checks the changes of the parameters of a dataclass; refuses them with the reason.
 
