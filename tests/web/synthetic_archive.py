@@ -23,7 +23,7 @@ FAULTS = ("friction", "backlash", "eccentricity", "short_circuit_b", "overshoot"
 
 
 def write(folder: Path, count: int) -> None:
-    """Write the tables of ``count`` units, whose lives are drawn from a law of wear."""
+    """Write the tables of ``count`` units with random lives to an existing folder."""
     rng = np.random.default_rng(19)
     rows: dict[str, list[dict[str, Any]]] = {"units": [], "lives": [], "months": []}
     for number in range(count):
@@ -32,10 +32,10 @@ def write(folder: Path, count: int) -> None:
         share = min(hours / life, 1.1)
         level = 3 if rng.random() < 0.02 else int(np.searchsorted((0.75, 1.0), share))
         is_known = level != 3 and share > 0.15
-        left = max(life - hours, 0.0)
-        place = {"model": MODELS[number % 7 % 3], "unit": f"flap_{number % 8}+{number:04d}"}
+        remaining = max(life - hours, 0.0)
+        unit = {"model": MODELS[number % 7 % 3], "unit": f"flap_{number % 8}+{number:04d}"}
         rows["units"].append(
-            place
+            unit
             | {
                 "actuator_id": f"flap_{number % 8}",
                 "serial_number": f"{number:04d}",
@@ -46,9 +46,12 @@ def write(folder: Path, count: int) -> None:
                 "dominant_fault": FAULTS[number % 5] if share > 0.5 else "",
                 "rul": {
                     "known": is_known,
-                    **{f"hours_{q}": k * left for q, k in (("05", 0.7), ("50", 1.0), ("95", 1.6))},
+                    **{
+                        f"hours_{q}": k * remaining
+                        for q, k in (("05", 0.7), ("50", 1.0), ("95", 1.6))
+                    },
                 },
-                "removal_hours": 0.7 * left if is_known else float("nan"),
+                "removal_hours": 0.7 * remaining if is_known else float("nan"),
                 "tested": LATEST - timedelta(days=float(rng.exponential(6.0))),
                 "calibrated": (
                     None if number % 9 == 0 else LATEST - timedelta(days=float(900 * rng.random()))
@@ -57,7 +60,7 @@ def write(folder: Path, count: int) -> None:
         )
         end = min(hours, life)
         rows["lives"].append(
-            place
+            unit
             | {"life": 0, "begin_hours": 0.0, "from_age": min(200.0 * rng.random(), end)}
             | {"to_age": end, "has_failed": bool(hours >= life)}
         )
@@ -67,15 +70,15 @@ def write(folder: Path, count: int) -> None:
             windows = int(rng.integers(12, 31))
             name = f"{2028 + (month + 11) // 12}-{(month + 11) % 12 + 1:02d}"
             valid = int(rng.binomial(windows, 0.97))
-            rows["months"].append(place | {"month": name, "windows": windows, "valid": valid})
+            rows["months"].append(unit | {"month": name, "windows": windows, "valid": valid})
     with Store(folder, is_new=True) as store, store.changing() as db:
-        for name, drawn in rows.items():
+        for name, table_rows in rows.items():
             schema = pa.schema([*((key, pa.string()) for key in PLACE), *UNIT_TABLES[name]])
-            insert(db, name, pa.Table.from_pylist(drawn, schema))
+            insert(db, name, pa.Table.from_pylist(table_rows, schema))
 
 
 if __name__ == "__main__":
-    place = Path(sys.argv[1])
-    place.mkdir(exist_ok=True)
-    write(place, int((*sys.argv[2:], 1600)[0]))
-    print(FleetDocument(str(place))({"most": "20"}, "").content.decode())
+    folder = Path(sys.argv[1])
+    folder.mkdir(exist_ok=True)
+    write(folder, int((*sys.argv[2:], 1600)[0]))
+    print(FleetDocument(str(folder))({"most": "20"}, "").content.decode())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthetic messages of a fleet, as monitor and actuators publish them, for tests of the page.
+"""Synthetic messages of a monitor and its actuators, for tests of the page.
 
 The values are plausible and consistent with each other, but not computed by a model.
 """
@@ -53,24 +53,22 @@ _REQUIREMENTS = (
 
 @dataclass
 class Unit:
-    """An actuator whose faults grow from test to test.
-
-    Attributes
-    ----------
-    worst
-        Index of the fault that grows, in the list of faults with a limit.
-    share
-        Current share of its limit.
-    """
+    """An actuator whose faults grow from test to test."""
 
     actuator_id: str
     worst: int
+    """Index of the fault that grows fastest, among the faults with a limit."""
     share: float
+    """Distance of this fault from healthy after the latest test, as a share of its limit."""
     tests: int
+    """Number of valid tests."""
     rng: np.random.Generator
     level: int | None = None
+    """Level after the latest test; None: the level follows from the share."""
     costs: bool = True
+    """Whether the monitor knows costs and therefore gives advice."""
     window: int = 0
+    """Number of the latest window."""
     events: list[UnitEvent] = field(default_factory=list)
 
     @property
@@ -78,7 +76,7 @@ class Unit:
         return f"SN-{abs(hash_of(self.actuator_id)) % 9000 + 1000}"
 
     def shares(self, test: float) -> np.ndarray:
-        """Return the share of its limit for each fault with a limit, after a test."""
+        """Return the share of the limit that each fault with a limit has reached after a test."""
         shares = np.full(len(_LIMITED), 0.02)
         growth = math.exp(3.0 * (test - self.tests) / max(self.tests, 1))
         shares[self.worst] = self.share * growth
@@ -93,7 +91,7 @@ class Unit:
         return np.array([values[name] for name in FAULT_NAMES])
 
     def life_hours(self, test: float) -> tuple[float, float, float]:
-        """Return the 5, 50 and 95 % quantiles of the remaining life after a test [h]."""
+        """Return the 5, 50 and 95 % quantiles of the remaining life [h] after a test."""
         share = float(self.shares(test)[self.worst])
         if share >= 1.0:
             return 0.0, 0.0, 0.0
@@ -108,12 +106,12 @@ class Unit:
 
 
 def hash_of(text: str) -> int:
-    """Return a hash of a text that is equal in all processes."""
+    """Return a hash of a text that is the same in all processes."""
     return int.from_bytes(text.encode(), "big") % 1_000_003
 
 
-def fleet(count: int, seed: int = 0) -> list[Unit]:
-    """Return units, some of them worn, in random order of wear."""
+def units(count: int, seed: int = 0) -> list[Unit]:
+    """Return ``count`` units; the wear of the first nine is fixed, of the others random."""
     rng = np.random.default_rng(seed)
     names = ["left_outboard_flap", "left_inboard_flap", "right_inboard_flap", "right_outboard_flap"]
     names += ["left_aileron", "right_aileron", "elevator", "rudder", "stabilizer_trim"]
@@ -127,7 +125,7 @@ def fleet(count: int, seed: int = 0) -> list[Unit]:
 
 
 def message_of(unit: Unit, kind: Any, stamp_ns: int, /, **fields: Any) -> Any:
-    """Return a message of a kind with the name, serial number and stamp of a unit."""
+    """Return a message of type ``kind`` with the name, serial number and stamp of a unit."""
     message = kind(actuator_id=unit.actuator_id, **fields)
     message.header.stamp = stamp_to_message(stamp_ns)
     if hasattr(message, "serial_number"):
@@ -172,7 +170,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
     assert worst.limit is not None
     limit = worst.healthy + worst.limit
     life = _life(quantiles, f"{worst.label} exceeds {limit:g}")
-    far = unknown_life("it does not grow")
+    unlimited = unknown_life("it does not grow")
     faults = []
     for number, fault in enumerate(_LIMITED):
         assert fault.limit is not None
@@ -187,22 +185,22 @@ def health(unit: Unit, stamp_ns: int) -> Health:
                 limit_is_lower=False,
                 trend=float(3.0 * shares[number] * fault.limit / hours) if grows else 2e-6,
                 unit="1",
-                rul=life if grows else far,
+                rul=life if grows else unlimited,
             )
         )
     requirements = [
         FaultHealth(
-            name=name, level=OK, value=value, sigma=0.02 * value, limit=limit_of,
-            limit_is_lower=is_lower, trend=0.01 * value / 100.0, unit=unit_of,
-            rul=_life([3.0 * q for q in quantiles], f"{name} reaches {limit_of:g} {unit_of}"),
+            name=name, level=OK, value=value, sigma=0.02 * value, limit=requirement,
+            limit_is_lower=is_lower, trend=0.01 * value / 100.0, unit=symbol,
+            rul=_life([3.0 * q for q in quantiles], f"{name} reaches {requirement:g} {symbol}"),
         )
-        for name, value, limit_of, is_lower, unit_of in _REQUIREMENTS
+        for name, value, requirement, is_lower, symbol in _REQUIREMENTS
     ]  # fmt: skip
-    distance = f"{worst.label} {values[FAULT_NAMES.index(worst.name)]:.3g}"
+    worst_value = f"{worst.label} {values[FAULT_NAMES.index(worst.name)]:.3g}"
     causes = {
         OK: "",
-        WARN: f"{distance} (warns above {0.2 * limit:.3g}, fails above {limit:.3g})",
-        ERROR: f"{distance} (failed: above {limit:.3g})",
+        WARN: f"{worst_value} (warns above {0.2 * limit:.3g}, fails above {limit:.3g})",
+        ERROR: f"{worst_value} (failed: above {limit:.3g})",
         STALE: "",
     }
     low, middle, _ = quantiles
@@ -253,7 +251,10 @@ def _covariance(rng: np.random.Generator) -> np.ndarray:
 def estimate(
     unit: Unit, stamp_ns: int, refused: str = "", verdict: int = FaultEstimate.REFUSED
 ) -> FaultEstimate:
-    """Return the estimate of the latest window of a unit; invalid with a reason ``refused``."""
+    """Return the estimate of a unit's latest window.
+
+    If ``refused`` is not empty, the estimate is invalid for this reason, with the given verdict.
+    """
     values = np.clip(unit.values(unit.tests) + SIGMA * unit.rng.normal(size=8), 0.0, 1.0)
     insignificant = sum(1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02)
     causes = []
@@ -294,7 +295,7 @@ def estimate(
 
 
 def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
-    """Return the quantiles of all faults at 30 times until the end of life."""
+    """Return quantiles of all faults with a limit at 30 times until the end of life."""
     low, middle, high = unit.life_hours(unit.tests)
     end = max(1.1 * middle, 10.0)
     hours = np.linspace(0.0, end, 30)
@@ -329,18 +330,18 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
 
 
 def advice(unit: Unit, stamp_ns: int) -> Advice:
-    """Return the advice for a unit: remove, inspect or continue, by its remaining life."""
+    """Return the advice for a unit, which depends on its remaining life."""
     low, middle, _ = unit.life_hours(unit.tests)
     hours = unit.tests * HOURS_PER_TEST
     action = Advice.REMOVE if low < 60.0 else Advice.INSPECT if low < 200.0 else Advice.CONTINUE
     from_now = min(low, 0.8 * middle) if action != Advice.CONTINUE else HOURS_PER_TEST
-    grounds = "risk of failure until a removal can follow the next test, in 20 h"
-    words = {  # as in ema_monitor.prognosis.advice
-        Advice.REMOVE: f"the removal must not wait: 41 % {grounds}; 21.3 EUR/h if the decision "
+    risk = "risk of failure until a removal can follow the next test, in 20 h"
+    reasons = {  # as in ema_monitor.prognosis.advice
+        Advice.REMOVE: f"the removal must not wait: 41 % {risk}; 21.3 EUR/h if the decision "
         "waits, 11.4 EUR/h if not",
         Advice.INSPECT: "an inspection now, which measures friction, reduces the expected cost "
         "from 12.9 EUR/h to 11.4 EUR/h",
-        Advice.CONTINUE: f"the decision can wait for the next test: 0.1 % {grounds}; 11.4 EUR/h "
+        Advice.CONTINUE: f"the decision can wait for the next test: 0.1 % {risk}; 11.4 EUR/h "
         "if the decision waits, 12.6 EUR/h if not",
     }
     return message_of(
@@ -354,7 +355,7 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
         expected_cost=11.4,
         cost_of_immediate_removal=19.7,
         cost_unit="EUR",
-        reason=words[action] if unit.costs else "no costs are given",
+        reason=reasons[action] if unit.costs else "no costs are given",
     )
 
 
@@ -386,24 +387,24 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
             )
         )
     label = _LIMITED[unit.worst].label
-    printed = (
-        (0.05, "history", "history of 3 earlier tests was taken over"),
-        (0.25, "calibration", "calibration flap-2031 with 20 healthy windows is used"),
+    texts = (
+        (0.05, "history", "the history continues 3 earlier tests"),
+        (0.25, "calibration", "the monitor uses calibration flap-2031 with 20 healthy windows"),
         (0.4, "gap", "2 tests missed"),
-        (0.55, "outlier", "friction: 0.214 is far from what the tests before let expect"),
+        (0.55, "outlier", "friction: 0.214 is far from the value that earlier tests predict"),
         (0.7, "restart", "the monitor was restarted"),
         (0.82, "fault", f"{label}: OK → WARN"),
     )
     events = []
-    for place, kind, text in printed:
-        test = tests[int(place * len(tests))]
+    for position, kind, text in texts:
+        test = tests[int(position * len(tests))]
         hours = test.flight_hours
         events.append(UnitEvent(stamp=test.stamp, flight_hours=hours, kind=kind, text=text))
     return message_of(unit, UnitHistory, now_ns, tests=tests, events=[*events, *unit.events])
 
 
 def addition(unit: Unit, now_ns: int, kind: str, text: str) -> UnitHistory:
-    """Add an event to a unit. Return it as the message that the dashboard sends to its clients."""
+    """Add an event to a unit; return the message with which the monitor publishes it."""
     event = UnitEvent(stamp=stamp_to_message(now_ns), flight_hours=math.nan, kind=kind, text=text)
     unit.events.append(event)
     message = UnitHistory(actuator_id=unit.actuator_id, serial_number=unit.serial_number)
@@ -420,7 +421,7 @@ def _chirp(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
-    """Return measured and estimated signals of half a second, with 400 values each."""
+    """Return measured and estimated signals of half a second, with 400 samples each."""
     t = np.linspace(0.0, 0.5, 400, endpoint=False)
     command, speed, current = _chirp(t)
     rng = unit.rng
@@ -445,7 +446,7 @@ _COMMAND, _SPEED, _CURRENT = _chirp(_T % 0.5)
 
 
 def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
-    """Return a block of 10 ms; its first sample ends at the stamp."""
+    """Return block ``number`` of the telemetry: 10 ms; its first sample ends at the stamp."""
     start = number * BLOCK % len(_T)
     part = slice(start, start + BLOCK)
     noise = unit.rng.normal(size=BLOCK)
@@ -463,7 +464,7 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
 
 
 def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
-    """Return the status that a monitor reports each second."""
+    """Return the diagnostic statuses that a monitor publishes every second."""
     statuses = []
 
     def status(level: int, task: str, text: str, unit: Unit | None = None, **values: str) -> None:
@@ -485,8 +486,8 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     status(OK, "identification", "waiting for windows")
     for unit in units:
         telemetry = f"{unit.actuator_id} telemetry"
-        figures = {"windows": str(unit.window), "latency [s]": "0.123456789"}
-        status(OK, telemetry, "receiving", unit, **figures)
+        values = {"windows": str(unit.window), "latency [s]": "0.123456789"}
+        status(OK, telemetry, "receiving", unit, **values)
         status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health", unit)
     message = DiagnosticArray(status=statuses)
     message.header.stamp = stamp_to_message(now_ns)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthetic messages of robot joints, as a monitor publishes them, for tests of the page.
+"""Synthetic messages of a monitor about robot joints, for tests of the page.
 
 The values are plausible and consistent with each other, but not computed by a model.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import synthetic_fleet as made
+import synthetic_fleet as fleet
 
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
@@ -31,8 +31,8 @@ from ema_interfaces.srv import ChangeBaseline
 from ema_ros.stamps import stamp_to_message
 
 UNKNOWN_DRIVE = 2
-FEWEST = 3
-SIGMA = 0.02  # of the change of friction
+MIN_RECORDS = 3
+SIGMA = 0.02  # standard deviation of the relative change of friction [-]
 
 _JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _FRICTION = next(fault for fault in FAULTS if fault.name == "friction")
@@ -40,28 +40,32 @@ _FIELDS = FaultVector.get_fields_and_field_types()
 
 
 @dataclass
-class Joint(made.Unit):
-    """A joint whose friction grows from record to record, or that is learning."""
+class Joint(fleet.Unit):
+    """A joint that learns its baseline, or whose friction grows from record to record."""
 
     change: float = 0.0
     """Current relative change of friction [-]."""
     changed: tuple[tuple[str, float, str], ...] = ()
     """Other changed quantities: name, change and unit."""
     records: int = 12
+    """Number of records of the baseline."""
     needed: int = 0
+    """Number of records that the baseline needs; 0: not known."""
     reason: str = ""
+    """Why the baseline cannot be accepted; "" if it can."""
     author: str = "Ada Lovelace"
     """Person who accepted the baseline; "" while the joint learns."""
     temperature: float = math.nan
+    """Rise of the winding temperature [K]; NaN: not measured."""
 
     @property
     def is_learning(self) -> bool:
         return not self.author
 
     def change_at(self, test: int) -> float:
-        """Return the relative change of friction in a record, with scatter [-]."""
+        """Return the relative change of friction in a record, including noise [-]."""
         growth = math.exp(4.0 * (test - self.tests) / max(self.tests, 1))
-        noise = np.random.default_rng([made.hash_of(self.actuator_id), test]).normal()
+        noise = np.random.default_rng([fleet.hash_of(self.actuator_id), test]).normal()
         return self.change * growth + SIGMA * float(noise)
 
     def level_of(self, test: int) -> int:
@@ -72,7 +76,7 @@ class Joint(made.Unit):
 
 
 def robots(count: int, seed: int = 0) -> list[Joint]:
-    """Return joints in all states; from the fifteenth on they belong to six-joint robots."""
+    """Return joints in all states; joints after the fourteenth belong to robots of six joints."""
     rng = np.random.default_rng(seed)
     fields: dict[str, dict[str, Any]] = {
         "left/elbow": {"change": 0.96, "temperature": 31.0},
@@ -82,7 +86,7 @@ def robots(count: int, seed: int = 0) -> list[Joint]:
         "right/wrist_1": {
             "author": "",
             "records": 2,
-            "reason": f"2 usable records: a baseline needs at least {FEWEST}",
+            "reason": f"2 usable records: a baseline needs at least {MIN_RECORDS}",
         },
         "right/wrist_3": {"author": "", "records": 12},
         "right/elbow": {"changed": (("torque_per_ampere", -0.12, "-"),)},
@@ -91,15 +95,15 @@ def robots(count: int, seed: int = 0) -> list[Joint]:
     }
     names = [f"{robot}/{joint}" for robot in ("left", "right") for joint in _JOINTS]
     names += ["gripper", "rail"]
-    more = [f"cell_{number // 6 + 1:02d}/{_JOINTS[number % 6]}" for number in range(count)]
+    cells = [f"cell_{number // 6 + 1:02d}/{_JOINTS[number % 6]}" for number in range(count)]
     return [
         Joint(name, 0, 0.1, 90 + 7 * number % 40, rng, **fields.get(name, {}))
-        for number, name in enumerate([*names, *more][:count])
+        for number, name in enumerate([*names, *cells][:count])
     ]
 
 
 def description(joint: Joint, now_ns: int) -> ActuatorDescription:
-    return made.message_of(
+    return fleet.message_of(
         joint, ActuatorDescription, now_ns, drive=UNKNOWN_DRIVE, sample_period=0.002,
         effort_kind=1, torque_constant=1.0, gear_ratio=1.0,
     )  # fmt: skip
@@ -107,10 +111,10 @@ def description(joint: Joint, now_ns: int) -> ActuatorDescription:
 
 def baseline(joint: Joint, now_ns: int) -> BaselineStatus:
     """Return the baseline status of a joint."""
-    is_known = joint.records >= FEWEST
+    is_known = joint.records >= MIN_RECORDS
     same_day = 0.3 / math.sqrt(joint.records) if is_known else math.nan
     advice = ["3 more healthy records on 2 more days would lower 22 % to 12 %"] if is_known else []
-    return made.message_of(
+    return fleet.message_of(
         joint,
         BaselineStatus,
         now_ns,
@@ -127,7 +131,7 @@ def baseline(joint: Joint, now_ns: int) -> BaselineStatus:
         reason=joint.reason,
         calibration_id="" if joint.is_learning else f"{joint.actuator_id} 2031-03-12",
         author=joint.author,
-        accepted=stamp_to_message(0 if joint.is_learning else now_ns - 40 * 86_400 * made.NS),
+        accepted=stamp_to_message(0 if joint.is_learning else now_ns - 40 * 86_400 * fleet.NS),
     )
 
 
@@ -138,16 +142,16 @@ def _quantities(joint: Joint) -> list[QuantityChange]:
         changes.setdefault(name, (0.01, "-"))
     quantities = []
     for name, (change, unit) in changes.items():
-        half = SIGMA * 1.645 if unit == "-" else 0.1 * abs(change)
+        half_width = SIGMA * 1.645 if unit == "-" else 0.1 * abs(change)
         quantities.append(
             QuantityChange(
                 name=name,
-                judgement=QuantityChange.CHANGED if abs(change) > 3.0 * half
+                judgement=QuantityChange.CHANGED if abs(change) > 3.0 * half_width
                 else QuantityChange.UNCHANGED,
                 change=change,
-                low=change - half,
-                high=change + half,
-                smallest_change=3.0 * half,
+                low=change - half_width,
+                high=change + half_width,
+                smallest_change=3.0 * half_width,
                 unit=unit,
             )
         )  # fmt: skip
@@ -167,20 +171,20 @@ def _quantities(joint: Joint) -> list[QuantityChange]:
 
 
 def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
-    """Return the comparison of the latest record, or a refusal with the progress of learning."""
+    """Return the estimate of the latest record; a refusal while the joint learns."""
     measured = []
     if math.isfinite(joint.temperature):
         measured = [HiddenCause(name="winding_temperature", unit="K", sigma=2.0)]
         measured[0].value = joint.temperature
     common = {
         "window": joint.window,
-        "window_start": stamp_to_message(now_ns - 20 * made.NS),
+        "window_start": stamp_to_message(now_ns - 20 * fleet.NS),
         "window_end": stamp_to_message(now_ns),
         "measured": measured,
         "algorithm": "inverse_dynamics",
     }
     if joint.is_learning:
-        return made.message_of(
+        return fleet.message_of(
             joint, FaultEstimate, now_ns, **common, verdict=FaultEstimate.REFUSED, valid=False,
             lacks_calibration=True, reason=_progress(joint), reason_codes=["learning"],
         )  # fmt: skip
@@ -189,7 +193,7 @@ def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
     has_departed = any(quantity.judgement == QuantityChange.CHANGED for quantity in quantities)
     covariance = np.full((8, 8), math.nan)
     covariance[0, 0] = (SIGMA / _FRICTION.slope) ** 2
-    return made.message_of(
+    return fleet.message_of(
         joint,
         FaultEstimate,
         now_ns,
@@ -218,7 +222,7 @@ def health(joint: Joint, now_ns: int) -> Health:
     if joint.is_learning and joint.level is None:
         level = STALE
     value = max(joint.change_at(joint.tests), 0.0) / _FRICTION.slope
-    unknown = made.unknown_life("no growth is known")
+    unknown = fleet.unknown_life("no growth is known")
     names = [name for name, *_ in joint.changed]
     if joint.change > 0.15:
         names.insert(0, "friction")
@@ -226,7 +230,7 @@ def health(joint: Joint, now_ns: int) -> Health:
         WARN: f"{' and '.join(names)} changed (friction warns above +25 %, fails above +50 %)"
     }
     causes[ERROR] = f"friction +{100 * joint.change:.0f} % (warns above +25 %, fails above +50 %)"
-    return made.message_of(
+    return fleet.message_of(
         joint,
         Health,
         now_ns,
@@ -255,9 +259,9 @@ def health(joint: Joint, now_ns: int) -> Health:
 
 
 def curve(joint: Joint, now_ns: int) -> FrictionCurve:
-    """Return friction over speed, with grown Coulomb friction."""
-    half = np.linspace(0.08, 1.34, 12)
-    speed = np.concatenate([-half[::-1], half])
+    """Return the friction curve of the latest record, with increased Coulomb friction."""
+    forward = np.linspace(0.08, 1.34, 12)
+    speed = np.concatenate([-forward[::-1], forward])
     friction = np.sign(speed) * (0.8 + 0.25 * np.exp(-((speed / 0.2) ** 2))) + 0.3 * speed
     width = 0.06 + 0.04 * np.abs(speed)
     noise = np.random.default_rng(joint.tests).normal(size=len(speed))
@@ -266,11 +270,11 @@ def curve(joint: Joint, now_ns: int) -> FrictionCurve:
     low, high = friction - width, friction + width
     low[-1] = high[-1] = math.nan
     fields = {"speed": speed, "healthy_low": low, "healthy_high": high, "latest": latest}
-    return made.message_of(joint, FrictionCurve, now_ns, unit="N.m", **fields)
+    return fleet.message_of(joint, FrictionCurve, now_ns, unit="N.m", **fields)
 
 
 def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
-    """Return the records of a joint from ``first`` to the latest; empty while it learns."""
+    """Return the history of a joint from record ``first`` on; empty while the joint learns."""
     tests = []
     for number in range(first, joint.tests + 1) if not joint.is_learning else ():
         faults, sigmas = np.full(8, math.nan), np.full(8, math.nan)
@@ -279,7 +283,7 @@ def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitH
         sigmas[index] = SIGMA / _FRICTION.slope
         tests.append(
             UnitTest(
-                stamp=stamp_to_message(now_ns - int((joint.tests - number) * period_s * made.NS)),
+                stamp=stamp_to_message(now_ns - int((joint.tests - number) * period_s * fleet.NS)),
                 flight_hours=math.nan,
                 cycles=number,
                 faults=faults,
@@ -294,19 +298,25 @@ def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitH
         )
     events = [
         UnitEvent(
-            stamp=stamp_to_message(now_ns - 100 * made.NS),
+            stamp=stamp_to_message(now_ns - 100 * fleet.NS),
             flight_hours=math.nan,
             kind="calibration",
             text=f"baseline accepted by {joint.author}",
         )
     ]
-    return made.message_of(
+    return fleet.message_of(
         joint, UnitHistory, now_ns, tests=tests, events=[] if joint.is_learning else events
     )
 
 
 def change_baseline(joint: Joint, request: ChangeBaseline.Request) -> None:
-    """Change a baseline as a monitor does; ValueError if the change is refused."""
+    """Change a baseline as a monitor does.
+
+    Raises
+    ------
+    ValueError
+        If a monitor would refuse the change.
+    """
     prefix = "/ema/monitor/change_baseline: "
     if request.change == ChangeBaseline.Request.ACCEPT:
         if joint.reason:

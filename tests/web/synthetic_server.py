@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A server of synthetic messages in the protocol of the dashboard node, for tests of the page.
 
-It reads orders as lines of JSON from standard input, and answers each with a line of JSON:
+It reads commands from standard input, one line of JSON each, and answers each with a line of JSON:
 
     {"do": "start", "port": 0}            {"port": 40123}
     {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2, "costs": false}
-    {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it invalid, with
+    {"do": "test", "actuator": "rudder"}  one more test; "refused": "reason" makes it invalid, and
                                           "verdict": 5 departed
     {"do": "move", "actuator": "rudder", "stretches": 7}   an estimate of ordinary motion
     {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
     {"do": "messages", "actuator": "rudder"}
     {"do": "playback", "status": 0, "rate": 1.0, "position": 12.5, "jumped": false}
-    {"do": "requests"}                    requests of playback controls and changes of baselines
+    {"do": "requests"}                    received requests to the player and changes of baselines
     {"do": "halt"}, {"do": "stop"}
 """
 
@@ -27,7 +27,7 @@ from typing import Any
 from unittest.mock import AsyncMock
 
 import numpy as np
-import synthetic_fleet as made
+import synthetic_fleet as fleet
 import synthetic_joints as joints
 from rclpy.serialization import serialize_message
 
@@ -54,10 +54,10 @@ _STREAMS = {"telemetry", "/diagnostics"}
 
 
 class Server:
-    """The server, its fleet, and the latest message of each actuator on each latched topic."""
+    """A server with a fleet and the latest message of each actuator and topic."""
 
     def __init__(self, count: int, joint_count: int, period_s: float, channels: list[str]) -> None:
-        units: list[made.Unit] = [*made.fleet(count), *joints.robots(joint_count)]
+        units: list[fleet.Unit] = [*fleet.units(count), *joints.robots(joint_count)]
         self.units = {unit.actuator_id: unit for unit in units}
         self.period_s = period_s
         self.tested_ns: dict[str, int] = {}
@@ -70,38 +70,38 @@ class Server:
         self.running: threading.Event | None = None
         now = time.time_ns()
         for number, unit in enumerate(self.units.values()):
-            self.describe(unit, now - int(period_s * made.NS * number / len(units)))
+            self.add(unit, now - int(period_s * fleet.NS * number / len(units)))
 
-    def describe(self, unit: made.Unit, now_ns: int) -> None:
+    def add(self, unit: fleet.Unit, now_ns: int) -> None:
         if isinstance(unit, joints.Joint):
             description = joints.description(unit, now_ns)
         else:
-            description = made.description(unit, now_ns)
-        self.keep("actuator_description", unit, description)
+            description = fleet.description(unit, now_ns)
+        self.publish_latched("actuator_description", unit, description)
         self.tested_ns[unit.actuator_id] = now_ns
-        self.judge(unit, now_ns)
+        self.publish_window(unit, now_ns)
 
-    def judge(
-        self, unit: made.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
+    def publish_window(
+        self, unit: fleet.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
     ) -> None:
-        """Publish estimate, health, forecast and advice for a window of a unit."""
+        """Publish estimate, health, forecast, advice and fit of a window of a unit."""
         if isinstance(unit, joints.Joint):
-            self.compare(unit, now_ns)
+            self.publish_record(unit, now_ns)
             return
-        self.keep("fault_estimate", unit, made.estimate(unit, now_ns, refused, verdict))
+        self.publish_latched("fault_estimate", unit, fleet.estimate(unit, now_ns, refused, verdict))
         if not refused:
-            self.keep("health", unit, made.health(unit, now_ns))
-            self.keep("health_forecast", unit, made.forecast(unit, now_ns))
-            self.keep("advice", unit, made.advice(unit, now_ns))
-        self.keep("window_fit", unit, made.window_fit(unit, now_ns))
+            self.publish_latched("health", unit, fleet.health(unit, now_ns))
+            self.publish_latched("health_forecast", unit, fleet.forecast(unit, now_ns))
+            self.publish_latched("advice", unit, fleet.advice(unit, now_ns))
+        self.publish_latched("window_fit", unit, fleet.window_fit(unit, now_ns))
 
-    def compare(self, joint: joints.Joint, now_ns: int) -> None:
-        """Publish baseline, estimate, health and friction curve for a record of a joint."""
-        self.keep("baseline", joint, joints.baseline(joint, now_ns))
-        self.keep("fault_estimate", joint, joints.estimate(joint, now_ns))
-        self.keep("health", joint, joints.health(joint, now_ns))
+    def publish_record(self, joint: joints.Joint, now_ns: int) -> None:
+        """Publish baseline, estimate, health and friction curve of a record of a joint."""
+        self.publish_latched("baseline", joint, joints.baseline(joint, now_ns))
+        self.publish_latched("fault_estimate", joint, joints.estimate(joint, now_ns))
+        self.publish_latched("health", joint, joints.health(joint, now_ns))
         if not joint.is_learning:
-            self.keep("friction_curve", joint, joints.curve(joint, now_ns))
+            self.publish_latched("friction_curve", joint, joints.curve(joint, now_ns))
 
     async def change_baseline(self, content: Any) -> None:
         _, request = read_baseline_change(content)
@@ -109,27 +109,27 @@ class Server:
         assert isinstance(joint, joints.Joint)
         self.requests.append(plain(request))
         joints.change_baseline(joint, request)
-        self.compare(joint, time.time_ns())
+        self.publish_record(joint, time.time_ns())
 
-    def keep(self, topic: str, unit: made.Unit, message: Any) -> None:
+    def publish_latched(self, topic: str, unit: fleet.Unit, message: Any) -> None:
         with self.lock:
             self.latest[topic, unit.actuator_id] = message
-            self.send(topic, message, kept_as=unit.actuator_id)
+            self.publish(topic, message, latched_by=unit.actuator_id)
 
-    def send(self, topic: str, message: Any, kept_as: str | None = None) -> None:
+    def publish(self, topic: str, message: Any, latched_by: str | None = None) -> None:
         data = message if isinstance(message, bytes) else serialize_message(message)
         with self.lock:
             if self.hub is not None and full_name(topic) in self.hub:
-                if kept_as is not None:
-                    self.hub.keep(full_name(topic), kept_as, data, time.time_ns())
+                if latched_by is not None:
+                    self.hub.keep(full_name(topic), latched_by, data, time.time_ns())
                 self.hub.publish(full_name(topic), data, time.time_ns())
 
     def start(self, port: int) -> int:
         hub = Hub()
-        channels = {topic.name: topic for topic in known_topics([made.NAMESPACE])}
+        channels = {topic.name: topic for topic in known_topics([fleet.NAMESPACE])}
         for name in self.names:
             hub.add(channels[full_name(name)])
-        hub.offer_playback((0, int(BAG_S * made.NS)))
+        hub.offer_playback((0, int(BAG_S * fleet.NS)))
         for unit in self.units.values():
             topic = full_name("unit_history")
             hub.keep(topic, unit.actuator_id, lambda unit=unit: self.history(unit), 0)
@@ -139,7 +139,9 @@ class Server:
         listener = bound_socket("127.0.0.1", port, 1)
         access = Access([], [], "")
         posts = {"/note": AsyncMock(), "/baseline": self.change_baseline}
-        self.server = WebServer(listener, None, access, hub, self.ask, posts, 16, 2**27, {}, print)
+        self.server = WebServer(
+            listener, None, access, hub, self.record_request, posts, 16, 2**27, {}, print
+        )
         self.server.start()
         self.hub = hub
         return listener.getsockname()[1]
@@ -154,48 +156,52 @@ class Server:
             self.server.stop()
             self.server = None
 
-    def history(self, unit: made.Unit) -> bytes:
+    def history(self, unit: fleet.Unit) -> bytes:
         tested_ns = self.tested_ns[unit.actuator_id]
         return serialize_message(self.tests_of(unit, tested_ns))
 
-    def tests_of(self, unit: made.Unit, now_ns: int, first: int = 1) -> Any:
+    def tests_of(self, unit: fleet.Unit, now_ns: int, first: int = 1) -> Any:
         if isinstance(unit, joints.Joint):
             return joints.history(unit, now_ns, self.period_s, first)
-        return made.history(unit, now_ns, self.period_s, first)
+        return fleet.history(unit, now_ns, self.period_s, first)
 
-    def ask(self, data: bytes) -> None:
-        """Record a request to the playback."""
+    def record_request(self, data: bytes) -> None:
+        """Record a request to the player."""
         _, command, speed, seeks, seek_ns, _ = struct.unpack_from("<BBfBQI", data)
-        asked = {"command": ("play", "pause")[command], "speed": speed}
-        self.requests.append(asked | {"seek": seek_ns if seeks else None})
+        request = {"command": ("play", "pause")[command], "speed": speed}
+        self.requests.append(request | {"seek": seek_ns if seeks else None})
 
     def run(self, period_s: float, telemetry: float, opened: str) -> None:
-        """Test all units in turn in each period; ``opened`` streams all the time.
+        """Test each unit once per period, and publish telemetry.
 
         Parameters
         ----------
+        period_s
+            Time between two tests of a unit [s].
         telemetry
-            Share of the units that stream during their tests.
+            Share of the units that publish telemetry during their tests.
+        opened
+            Name of the unit that publishes telemetry all the time; "": none.
         """
         self.running = threading.Event()
         for target in (self._tests, self._telemetry):
             args = (self.running, period_s, telemetry, opened)
             threading.Thread(target=target, args=args, daemon=True).start()
 
-    def _tests(self, ended: threading.Event, period_s: float, _: float, __: str) -> None:
+    def _tests(self, stopped: threading.Event, period_s: float, _: float, __: str) -> None:
         units = list(self.units.values())
         start, number, reported = time.monotonic(), 0, 0.0
-        while not ended.wait(0.02):
+        while not stopped.wait(0.02):
             now = time.monotonic() - start
             while number < now / period_s * len(units):
                 self.test(units[number % len(units)])
                 number += 1
             if now >= reported:
-                self.send("/diagnostics", made.diagnostics(units, time.time_ns()))
+                self.publish("/diagnostics", fleet.diagnostics(units, time.time_ns()))
                 reported = now + 1.0
 
     def _telemetry(
-        self, ended: threading.Event, period_s: float, share: float, opened: str
+        self, stopped: threading.Event, period_s: float, share: float, opened: str
     ) -> None:
         if not share and not opened:
             return
@@ -203,67 +209,67 @@ class Server:
         streaming = set(range(int(share * len(units))))
         start, number = time.monotonic(), 0
         first_ns = time.time_ns()
-        # Serialised once: for a fleet, creating these messages would take all time.
-        kept = {}
-        while not ended.wait(0.002):
+        # Serialised once, because creating these messages for a fleet takes too long.
+        cache = {}
+        while not stopped.wait(0.002):
             while number < (time.monotonic() - start) * 100.0:
-                stamp_ns = first_ns + number * made.NS // 100
+                stamp_ns = first_ns + number * fleet.NS // 100
                 for i, unit in enumerate(units):
                     phase = (number / 100.0 - i * period_s / len(units)) % period_s
                     if unit.actuator_id == opened:
-                        self.send("telemetry", made.block(unit, number, stamp_ns))
+                        self.publish("telemetry", fleet.block(unit, number, stamp_ns))
                     elif i in streaming and phase < TEST_S:
-                        if i not in kept:
-                            kept[i] = serialize_message(made.block(unit, 0, stamp_ns))
-                        self.send("telemetry", kept[i])
+                        if i not in cache:
+                            cache[i] = serialize_message(fleet.block(unit, 0, stamp_ns))
+                        self.publish("telemetry", cache[i])
                 number += 1
 
-    def move(self, unit: made.Unit, stretches: int) -> None:
-        """Publish an estimate from stretches of ordinary motion, which has no fit."""
+    def move(self, unit: fleet.Unit, stretches: int) -> None:
+        """Publish an estimate from stretches of ordinary motion, without a fit."""
         unit.window += 1
-        estimate = made.estimate(unit, time.time_ns())
+        estimate = fleet.estimate(unit, time.time_ns())
         estimate.stretches = stretches
-        self.keep("fault_estimate", unit, estimate)
+        self.publish_latched("fault_estimate", unit, estimate)
 
-    def test(self, unit: made.Unit, refused: str = "", verdict: int = REFUSED) -> None:
+    def test(self, unit: fleet.Unit, refused: str = "", verdict: int = REFUSED) -> None:
         unit.window += 1
         now_ns = time.time_ns()
         if not refused:
             unit.tests += 1
             self.tested_ns[unit.actuator_id] = now_ns
-        self.judge(unit, now_ns, refused, verdict)
+        self.publish_window(unit, now_ns, refused, verdict)
         if refused:
             kind = "calibration" if verdict == REFUSED else "fault"
-            addition = made.addition(unit, now_ns, kind, refused)
+            addition = fleet.addition(unit, now_ns, kind, refused)
         else:
             addition = self.tests_of(unit, now_ns, first=unit.tests)
             addition.is_addition, addition.events = True, []
-        self.send("unit_history", addition)
+        self.publish("unit_history", addition)
 
-    def obey(self, order: dict[str, Any]) -> dict[str, Any]:
-        """Carry out an order and return the answer."""
-        unit = self.units.get(order.get("actuator", ""))
-        match order["do"]:
+    def execute(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Execute a command; return the answer."""
+        unit = self.units.get(command.get("actuator", ""))
+        match command["do"]:
             case "start":
-                return {"port": self.start(order.get("port", 0))}
+                return {"port": self.start(command.get("port", 0))}
             case "stop":
                 self.stop()
             case "set" if unit:
-                unit.share = order.get("share", unit.share)
-                unit.level = order.get("level", unit.level)
-                unit.costs = order.get("costs", unit.costs)
+                unit.share = command.get("share", unit.share)
+                unit.level = command.get("level", unit.level)
+                unit.costs = command.get("costs", unit.costs)
                 if isinstance(unit, joints.Joint):
-                    unit.records = order.get("records", unit.records)
-                    self.compare(unit, time.time_ns())
+                    unit.records = command.get("records", unit.records)
+                    self.publish_record(unit, time.time_ns())
                     return {}
-                self.keep("health", unit, made.health(unit, time.time_ns()))
-                self.keep("advice", unit, made.advice(unit, time.time_ns()))
+                self.publish_latched("health", unit, fleet.health(unit, time.time_ns()))
+                self.publish_latched("advice", unit, fleet.advice(unit, time.time_ns()))
             case "test" if unit:
-                self.test(unit, order.get("refused", ""), order.get("verdict", REFUSED))
+                self.test(unit, command.get("refused", ""), command.get("verdict", REFUSED))
             case "move" if unit:
-                self.move(unit, order["stretches"])
+                self.move(unit, command["stretches"])
             case "run":
-                self.run(order["period"], order.get("telemetry", 0.0), order.get("open", ""))
+                self.run(command["period"], command.get("telemetry", 0.0), command.get("open", ""))
             case "halt" if self.running:
                 self.running.set()
             case "messages" if unit:
@@ -273,29 +279,29 @@ class Server:
                     if name == unit.actuator_id
                 }
             case "playback":
-                self.play(order)
+                self.publish_playback(command)
             case "requests":
                 return {"requests": self.requests}
-            case other:
-                raise ValueError(f"order {other!r} is unknown, or its actuator is")
+            case _:
+                raise ValueError(f"unknown command or actuator: {command}")
         return {}
 
-    def play(self, order: dict[str, Any]) -> None:
+    def publish_playback(self, state: dict[str, Any]) -> None:
         message = PlaybackState(
-            bag="bags/wear_of_a_flap", status=order["status"], rate=float(order["rate"]),
-            start=stamp_to_message(1_700_000_000 * made.NS),
-            end=stamp_to_message(int((1_700_000_000 + BAG_S) * made.NS)),
-            position=stamp_to_message(int((1_700_000_000 + order["position"]) * made.NS)),
-            jumped=order.get("jumped", False),
+            bag="bags/wear_of_a_flap", status=state["status"], rate=float(state["rate"]),
+            start=stamp_to_message(1_700_000_000 * fleet.NS),
+            end=stamp_to_message(int((1_700_000_000 + BAG_S) * fleet.NS)),
+            position=stamp_to_message(int((1_700_000_000 + state["position"]) * fleet.NS)),
+            jumped=state.get("jumped", False),
         )  # fmt: skip
         message.header.stamp = message.position
         with self.lock:
             self.latest["playback_state", ""] = message
-            self.send("playback_state", message, kept_as="")
+            self.publish("playback_state", message, latched_by="")
 
 
 def full_name(topic: str) -> str:
-    return topic if topic.startswith("/") else f"{made.NAMESPACE}/{topic}"
+    return topic if topic.startswith("/") else f"{fleet.NAMESPACE}/{topic}"
 
 
 def plain(message: Any) -> Any:
@@ -323,7 +329,7 @@ def main() -> None:
     names = [name for name in _TOPICS if name not in options.without]
     server = Server(options.actuators, options.joints, options.period, names)
     for line in sys.stdin:
-        print(json.dumps(server.obey(json.loads(line))), flush=True)
+        print(json.dumps(server.execute(json.loads(line))), flush=True)
     server.stop()
 
 

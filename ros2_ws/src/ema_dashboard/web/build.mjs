@@ -11,11 +11,11 @@ const here = path.dirname(fileURLToPath(import.meta.url));
 const shipped = path.join(here, "../ema_dashboard/page");
 const MOST_COMPRESSED = 200_000; // bytes
 
-async function bundle(to) {
+async function bundle(folder) {
   const { metafile } = await build({
     absWorkingDir: here,
     entryPoints: ["src/main.tsx", "src/worker.ts", "src/style.css"],
-    outdir: to,
+    outdir: folder,
     bundle: true,
     minify: true,
     format: "esm",
@@ -28,19 +28,19 @@ async function bundle(to) {
     define: { "process.env.NODE_ENV": '"production"' },
   });
   for (const name of ["index.html", "icon.svg"]) {
-    await cp(path.join(here, "src", name), path.join(to, name));
+    await cp(path.join(here, "src", name), path.join(folder, name));
   }
-  await writeFile(path.join(to, "licences.txt"), await licences(Object.keys(metafile.inputs)));
+  await writeFile(path.join(folder, "licences.txt"), await licences(Object.keys(metafile.inputs)));
 }
 
-/** Text of the licences of the bundled packages. */
+/** Return the licences of the bundled packages as a text. */
 async function licences(inputs) {
-  const found = inputs.map((name) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(name)?.[1]);
+  const packages = inputs.map((name) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(name)?.[1]);
   const texts = [];
-  for (const name of [...new Set(found.filter(Boolean))].sort()) {
+  for (const name of [...new Set(packages.filter(Boolean))].sort()) {
     const folder = path.join(here, "node_modules", name);
     const { version, license } = JSON.parse(await readFile(path.join(folder, "package.json")));
-    const file = (await readdir(folder)).find((one) => /^licen[cs]e/i.test(one));
+    const file = (await readdir(folder)).find((entry) => /^licen[cs]e/i.test(entry));
     const text = file ? await readFile(path.join(folder, file), "utf8") : "";
     texts.push(`${name} ${version}, ${license}\n\n${text.trim()}\n`);
   }
@@ -55,37 +55,37 @@ async function contents(folder) {
 }
 
 const check = process.argv.includes("--check");
-const to = await mkdtemp(path.join(tmpdir(), "ema-page-"));
+const temporary = await mkdtemp(path.join(tmpdir(), "ema-page-"));
 try {
-  await bundle(to);
-  const made = await contents(to);
+  await bundle(temporary);
+  const bundled = await contents(temporary);
   let compressed = 0;
-  for (const [name, bytes] of made) {
+  for (const [name, bytes] of bundled) {
     const size = gzipSync(bytes, { level: 9 }).length;
     compressed += size;
     console.log(`${name.padEnd(20)} ${bytes.length} bytes, ${size} compressed`);
   }
-  console.log(`${"in all".padEnd(20)} ${compressed} compressed, at most ${MOST_COMPRESSED}`);
+  console.log(`${"total".padEnd(20)} ${compressed} compressed, at most ${MOST_COMPRESSED}`);
   if (compressed > MOST_COMPRESSED) {
-    throw new Error(`the bundle has ${compressed} bytes compressed, at most ${MOST_COMPRESSED}`);
+    throw new Error(`the compressed bundle has ${compressed} bytes, more than ${MOST_COMPRESSED}`);
   }
   if (check) {
-    const there = await contents(shipped);
-    const names = new Set([...made.keys(), ...there.keys()]);
+    const current = await contents(shipped);
+    const names = new Set([...bundled.keys(), ...current.keys()]);
     const differing = [...names].filter((name) => {
-      const [one, other] = [made.get(name), there.get(name)];
-      return !one || !other || !one.equals(other);
+      const [expected, actual] = [bundled.get(name), current.get(name)];
+      return !expected || !actual || !expected.equals(actual);
     });
     if (differing.length) {
       throw new Error(`the shipped page differs from its sources in ${differing.join(", ")}: ` +
         "run `make page`");
     }
-    console.log("the shipped page is that of the sources");
+    console.log("the shipped page matches its sources");
   } else {
     await rm(shipped, { recursive: true, force: true });
     await mkdir(shipped, { recursive: true });
-    for (const [name, bytes] of made) await writeFile(path.join(shipped, name), bytes);
+    for (const [name, bytes] of bundled) await writeFile(path.join(shipped, name), bytes);
   }
 } finally {
-  await rm(to, { recursive: true, force: true });
+  await rm(temporary, { recursive: true, force: true });
 }

@@ -103,8 +103,8 @@ export class UnitRecord {
   }
 }
 
-/** Notice that the monitor started a new history, until it has as many tests as were lost; else "". */
-export function begunAnew({ events, stamp }: HistoryColumns): string {
+/** Return the notice of a new history until it has as many tests as were lost; else "". */
+export function newHistoryNotice({ events, stamp }: HistoryColumns): string {
   const event = events.findLast(({ kind, count }) => kind === "history" && count > 0);
   if (!event) return "";
   const tests = stamp.filter((time) => time >= seconds(event.stamp)).length;

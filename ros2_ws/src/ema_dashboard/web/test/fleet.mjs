@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The summary of a random fleet, computed by the code of the dashboard.
+// The summary of a random fleet, computed by the dashboard's own code.
 
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
@@ -9,7 +9,7 @@ import { fileURLToPath } from "node:url";
 
 const WRITER = fileURLToPath(new URL("../../../../../tests/web/synthetic_archive.py", import.meta.url));
 
-export function drawnFleet() {
+export function randomFleet() {
   const folder = mkdtempSync(path.join(tmpdir(), "ema-archive-"));
   try {
     return JSON.parse(execFileSync("python", [WRITER, path.join(folder, "hangar_7")]));

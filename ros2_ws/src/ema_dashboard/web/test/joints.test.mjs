@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page for robots in a real browser: grid of joints, a joint, and changes of its baseline.
+// The page of robots in a real browser: the grid of joints, a joint, and changes of a baseline.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, describe, test } from "node:test";
-import { cut, hindrances, overflow } from "./access.mjs";
-import { Stage, browse, until } from "./stage.mjs";
+import { barriers, countCut, overflow } from "./access.mjs";
+import { Stage, launchBrowser, until } from "./stage.mjs";
 
 const ELBOW = "left/elbow"; // ERROR
-const LEARNING = "left/wrist_3"; // with a record that differs from the others
-const BEGINNER = "right/wrist_1"; // with too few records
+const LEARNING = "left/wrist_3"; // one of its records differs from the others
+const TOO_FEW_RECORDS = "right/wrist_1"
 const PHONE = { width: 320, height: 640 };
 const addressOf = (id, part = "faults") =>
   `#/actuator/%2Fema/${encodeURIComponent(id)}/${part}`;
 
 let browser;
-before(async () => { browser = await browse(); });
+before(async () => { browser = await launchBrowser(); });
 after(() => browser.close());
 
 describe("two robots, joints without a robot, and two actuators", () => {
@@ -22,28 +22,28 @@ describe("two robots, joints without a robot, and two actuators", () => {
   let page;
   beforeEach(async () => { stage = await Stage.open("--actuators", 2, "--joints", 14); });
   afterEach(async () => {
-    assert.deepEqual(page?.faults ?? [], []);
+    assert.deepEqual(page?.errors ?? [], []);
     await page?.context().close();
     stage.close();
   });
 
-  async function open(at = "", options = {}) {
+  async function open(hash = "", options = {}) {
     const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
     page = await context.newPage();
-    page.faults = [];
-    page.on("pageerror", (error) => page.faults.push(String(error)));
+    page.errors = [];
+    page.on("pageerror", (error) => page.errors.push(String(error)));
     page.on("console", (entry) => {
       if (entry.type() === "error" && !/Failed to load resource/.test(entry.text())) {
-        page.faults.push(entry.text());
+        page.errors.push(entry.text());
       }
     });
-    await page.goto(stage.address + at);
+    await page.goto(stage.address + hash);
   }
 
   const cell = (id) => page.locator(`[data-joint="/ema/${id}"]`);
   const level = async (id) => (await cell(id).locator(".badge").innerText()).trim();
-  const messages = (id) => stage.source.order({ do: "messages", actuator: id });
-  async function allShown() {
+  const messages = (id) => stage.source.send({ do: "messages", actuator: id });
+  async function waitForAllCells() {
     await until("14 cells with their levels", async () =>
       (await page.locator(".joint").count()) === 14 &&
       (await page.locator(".joint.learning").count()) === 3 &&
@@ -52,23 +52,23 @@ describe("two robots, joints without a robot, and two actuators", () => {
 
   test("the grid shows the joints by robot, from worst to best", async () => {
     await open();
-    await allShown();
+    await waitForAllCells();
     assert.deepEqual(await page.locator(".robot h2").allInnerTexts(), ["left", "right", "Joints"]);
     const order = ["ERROR", "WARN", "STALE", "LEARNING", "OK"];
     for (const name of ["left", "right", ""]) {
-      const words = await page.locator(`[data-robot="/ema/${name}"] .joint .badge`).allInnerTexts();
-      const ranks = words.map((word) => order.indexOf(word.trim()));
-      assert.ok(!ranks.includes(-1), `${words}`);
-      assert.deepEqual(ranks, [...ranks].sort(), `the worst of ${name} first: ${words}`);
+      const levels = await page.locator(`[data-robot="/ema/${name}"] .joint .badge`).allInnerTexts();
+      const ranks = levels.map((text) => order.indexOf(text.trim()));
+      assert.ok(!ranks.includes(-1), `${levels}`);
+      assert.deepEqual(ranks, [...ranks].sort(), `the worst of ${name} comes first: ${levels}`);
     }
-    // Actuators of a known drive stay in the table.
+    // Actuators with a known drive remain in the table.
     assert.equal(await page.locator("table.fleet tbody tr").count(), 2);
     assert.equal(await page.locator(".fleet-title .soft").innerText(), "14 joints, 2 actuators");
   });
 
   test("a cell shows friction with its interval, its trend, other changes and temperature", async () => {
     await open();
-    await allShown();
+    await waitForAllCells();
     const { fault_estimate: estimate } = await messages(ELBOW);
     const friction = estimate.quantities.find(({ name }) => name === "friction");
     const text = (await cell(ELBOW).innerText()).replaceAll("\n", " ");
@@ -80,15 +80,15 @@ describe("two robots, joints without a robot, and two actuators", () => {
     const trend = await cell(ELBOW).locator(".sparkline").getAttribute("aria-label");
     const last = Number(/to (\d+) %/.exec(trend)[1]);
     assert.ok(last > 80 && last <= Math.ceil(100 * friction.high), trend);
-    // A further record is appended to the trend.
-    await stage.source.order({ do: "test", actuator: ELBOW });
+    // The trend is extended by each new record.
+    await stage.source.send({ do: "test", actuator: ELBOW });
     await until("a trend with the new record", async () =>
       (await cell(ELBOW).locator(".sparkline").getAttribute("aria-label")) !== trend);
   });
 
   test("LEARNING has its own shape and colour, and shows its progress", async () => {
     await open();
-    await allShown();
+    await waitForAllCells();
     assert.equal(await level(LEARNING), "LEARNING");
     const styleOf = (id) => cell(id).evaluate((element) => [
       getComputedStyle(element).borderLeftColor, element.querySelector(".level-shape").innerHTML,
@@ -100,24 +100,24 @@ describe("two robots, joints without a robot, and two actuators", () => {
     assert.match(text, /4 of 10 records on 2 days/);
     assert.match(text, /friction changes above 15 % would show, above 38 % on another day/);
     assert.match(text, /3 more healthy records/);
-    assert.match(await cell(BEGINNER).innerText(), /a baseline needs at least 3/);
-    // The table and the levels show it, too.
+    assert.match(await cell(TOO_FEW_RECORDS).innerText(), /a baseline needs at least 3/);
+    // The table and the level filter also show LEARNING.
     const chip = page.locator(".chip.learning");
     assert.equal((await chip.innerText()).replace(/\s+/g, " ").trim(), "3 LEARNING");
     await page.getByRole("button", { name: "table" }).click();
     await chip.click();
-    await until("the three that learn", async () =>
+    await until("the three learning joints", async () =>
       (await page.locator("table.fleet tbody tr.learning").count()) === 3 &&
       (await page.locator("table.fleet tbody tr").count()) === 3);
     await page.reload();
     await page.waitForSelector("table.fleet");
-    assert.equal(await page.locator(".joint").count(), 0, "a reload keeps the choice");
+    assert.equal(await page.locator(".joint").count(), 0, "a reload keeps the choice of the table");
   });
 
   test("a failure of a learning joint is shown, not hidden by LEARNING", async () => {
     await open();
-    await allShown();
-    await stage.source.order({ do: "set", actuator: LEARNING, level: 2 });
+    await waitForAllCells();
+    await stage.source.send({ do: "set", actuator: LEARNING, level: 2 });
     await until("the error", async () => (await level(LEARNING)) === "ERROR");
     assert.match(await cell(LEARNING).innerText(), /4 of 10 records/);
   });
@@ -160,15 +160,15 @@ describe("two robots, joints without a robot, and two actuators", () => {
     await form.getByRole("button", { name: "Accept the baseline" }).click();
     await until("the accepted baseline", async () => (await form.count()) === 0 &&
       /accepted by Grace Hopper/.test(await page.locator("[aria-labelledby=baseline]").innerText()));
-    const { requests } = await stage.source.order({ do: "requests" });
+    const { requests } = await stage.source.send({ do: "requests" });
     assert.deepEqual(requests.at(-1), {
       actuator_id: LEARNING, change: 0, person: "Grace Hopper", note: "new harmonic drive", force: true,
     });
-    await until("no longer learning", async () =>
+    await until("a level other than LEARNING", async () =>
       (await page.locator(".head .badge").first().innerText()).trim() !== "LEARNING");
   });
 
-  test("an accepted baseline is extended, and reset", async () => {
+  test("an accepted baseline can be extended and reset", async () => {
     await open(addressOf(ELBOW));
     const card = page.locator("[aria-labelledby=baseline]");
     for (const [title, result] of [["Extend", /17 records/], ["Reset", /0 records on 0 days/]]) {
@@ -177,9 +177,9 @@ describe("two robots, joints without a robot, and two actuators", () => {
       await card.getByRole("button", { name: `${title} the baseline` }).click();
       await until(title, async () => result.test(await card.innerText()));
     }
-    await until("learning", async () =>
+    await until("the level LEARNING", async () =>
       (await page.locator(".head .badge").first().innerText()).trim() === "LEARNING");
-    assert.equal(await page.locator(".head .banner").count(), 0, "learning is no refusal");
+    assert.equal(await page.locator(".head .banner").count(), 0, "learning is not a refusal");
   });
 
   test("the form keeps its text if the dashboard is unreachable", async () => {
@@ -195,28 +195,28 @@ describe("two robots, joints without a robot, and two actuators", () => {
   });
 
   for (const colorScheme of ["light", "dark"]) {
-    for (const [name, at, ready] of [
+    for (const [name, hash, ready] of [
       ["grid", "", ".joint.learning"],
       ["joint", addressOf(ELBOW), "[aria-labelledby=friction] canvas"],
       ["learning joint", addressOf(LEARNING), "[aria-labelledby=baseline]"],
     ]) {
-      for (const [of, viewport] of [["", { width: 1280, height: 900 }], [" on a phone", PHONE]]) {
-        test(`the page is accessible: ${name}${of}, ${colorScheme}`, async () => {
-          await open(at, { colorScheme, viewport });
+      for (const [suffix, viewport] of [["", { width: 1280, height: 900 }], [" on a phone", PHONE]]) {
+        test(`the page is accessible: ${name}${suffix}, ${colorScheme}`, async () => {
+          await open(hash, { colorScheme, viewport });
           await page.waitForSelector(ready);
           const accept = page.getByRole("button", { name: "Accept", exact: true });
           if (await accept.count()) await accept.click();
-          assert.deepEqual(await hindrances(page), []);
+          assert.deepEqual(await barriers(page), []);
           assert.ok(await overflow(page) <= 0, "wider than the screen");
-          assert.equal(await cut(page, ".joint, .joint-head, .card, form.change"), 0);
+          assert.equal(await countCut(page, ".joint, .joint-head, .card, form.change"), 0);
         });
       }
     }
   }
 
-  test("a joint opens from anywhere in its cell, and by keyboard", async () => {
+  test("a joint can be opened by a click anywhere in its cell, and with the keyboard", async () => {
     await open();
-    await allShown();
+    await waitForAllCells();
     await cell(ELBOW).locator(".sparkline").click({ force: true });
     await page.waitForSelector(`h1:text("${ELBOW}")`);
     await page.goBack();
@@ -228,7 +228,7 @@ describe("two robots, joints without a robot, and two actuators", () => {
 
 test("the baseline of a recording cannot be changed", async () => {
   const stage = await Stage.open("--actuators", 0, "--joints", 4, "--without");
-  await stage.source.order({ do: "playback", status: 0, rate: 1, position: 100 });
+  await stage.source.send({ do: "playback", status: 0, rate: 1, position: 100 });
   const context = await browser.newContext();
   const page = await context.newPage();
   await page.goto(stage.address + addressOf(ELBOW));

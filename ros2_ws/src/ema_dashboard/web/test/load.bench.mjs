@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Main-thread time and memory of the page with 200 live actuators, and with 60 joints.
 //
-// LOAD_S=600 selects the long run, in which memory must not grow.
+// LOAD_S is the duration of each test [s]; from 120 s on, memory must not grow.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { test } from "node:test";
-import { Stage, browse, until } from "./stage.mjs";
+import { Stage, launchBrowser, until } from "./stage.mjs";
 
 const SECONDS = Number(process.env.LOAD_S ?? 10);
 const LONG_S = 120;
 const MOST_BUSY = 0.3; // share of each second
 const MOST_GROWTH = 0.1; // relative to the memory after garbage collection
 const MOST_TASK_MS = 100; // longest task while the grid scrolls
-const LEAST_FRAMES = 8; // per second, of at most 20: browser and server share the cores
+const LEAST_FRAMES = 8; // per second; the page draws at most 20, but browser and server share the cores
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
@@ -23,7 +23,7 @@ class Gauge {
     const gauge = new Gauge();
     gauge.session = await page.context().newCDPSession(page);
     gauge.system = await browser.newBrowserCDPSession();
-    // Thread time, because other processes use this machine, too.
+    // Thread time, because other processes share the cores.
     await gauge.session.send("Performance.enable", { timeDomain: "threadTicks" });
     await gauge.session.send("HeapProfiler.enable");
     gauge.session.on("Target.attachedToTarget", ({ sessionId }) => { gauge.worker = sessionId; });
@@ -38,12 +38,12 @@ class Gauge {
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   }
 
-  /** Return the memory in use after garbage collection in page and worker. */
-  async used() {
+  /** Return heap [B], DOM nodes and resident memory [B] after garbage collection. */
+  async memory() {
     const message = JSON.stringify({ id: 1, method: "HeapProfiler.collectGarbage" });
     await this.session.send("Target.sendMessageToTarget", { sessionId: this.worker, message });
     await this.session.send("HeapProfiler.collectGarbage");
-    await pause(1000); // The worker collects its garbage on its own.
+    await pause(1000); // The worker collects its garbage asynchronously.
     const { JSHeapUsedSize: heap, Nodes: nodes } = await this.metrics();
     const { processInfo } = await this.system.send("SystemInfo.getProcessInfo");
     const sizes = await Promise.all(processInfo.filter(({ type }) => type === "renderer").map(
@@ -53,26 +53,26 @@ class Gauge {
   }
 }
 
-/** Measure a page for some seconds; return how often its live plots are drawn per second. */
+/** Check the load of a page for some seconds; return the drawing rate of its live plots [1/s]. */
 async function measure(gauge, page, name, seconds) {
   const drawn = () => page.evaluate(() => globalThis.drawn ?? 0);
-  const before = await gauge.used();
-  const [start, frames, begun] = [await gauge.metrics(), await drawn(), performance.now()];
+  const before = await gauge.memory();
+  const [start, frames, startTime] = [await gauge.metrics(), await drawn(), performance.now()];
   await pause(1000 * seconds);
-  const [end, passed] = [await gauge.metrics(), (performance.now() - begun) / 1000];
+  const [end, passed] = [await gauge.metrics(), (performance.now() - startTime) / 1000];
   const busy = (end.TaskDuration - start.TaskDuration) / passed;
   const rate = ((await drawn()) - frames) / passed;
-  const after = await gauge.used();
-  const growth = (of) => after[of] / before[of] - 1;
-  const share = (of) => `${(100 * growth(of)).toFixed(1)} %`;
-  console.log(`${name}: ${busy.toFixed(3)} s a second, ${rate.toFixed(1)} drawings a second, ` +
-    `heap ${(after.heap / 1e6).toFixed(1)} MB (${share("heap")}), ${after.nodes} nodes ` +
-    `(${share("nodes")}), resident ${(after.resident / 1e6).toFixed(0)} MB ` +
-    `(${share("resident")})`);
-  assert.ok(busy <= MOST_BUSY, `${name}: ${busy} s a second`);
+  const after = await gauge.memory();
+  const growth = (quantity) => after[quantity] / before[quantity] - 1;
+  const percent = (quantity) => `${(100 * growth(quantity)).toFixed(1)} %`;
+  console.log(`${name}: ${busy.toFixed(3)} s per second, ${rate.toFixed(1)} drawings per second, ` +
+    `heap ${(after.heap / 1e6).toFixed(1)} MB (${percent("heap")}), ${after.nodes} nodes ` +
+    `(${percent("nodes")}), resident ${(after.resident / 1e6).toFixed(0)} MB ` +
+    `(${percent("resident")})`);
+  assert.ok(busy <= MOST_BUSY, `${name}: ${busy} s per second`);
   if (SECONDS >= LONG_S) {
-    for (const of of Object.keys(after)) {
-      assert.ok(growth(of) < MOST_GROWTH, `${name}: ${of} grew by ${share(of)}`);
+    for (const quantity of Object.keys(after)) {
+      assert.ok(growth(quantity) < MOST_GROWTH, `${name}: ${quantity} grew by ${percent(quantity)}`);
     }
   }
   return rate;
@@ -80,12 +80,12 @@ async function measure(gauge, page, name, seconds) {
 
 test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   const stage = await Stage.open("--actuators", 200, "--period", 5);
-  const browser = await browse();
+  const browser = await launchBrowser();
   const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
   const gauge = await Gauge.of(browser, page);
 
   try {
-    await stage.source.order({ do: "run", period: 5, telemetry: 1, open: "left_outboard_flap" });
+    await stage.source.send({ do: "run", period: 5, telemetry: 1, open: "left_outboard_flap" });
     await page.goto(stage.address);
     await page.waitForSelector("table.fleet tbody tr:nth-child(200)", { timeout: 30_000 });
     await pause(2000);
@@ -93,17 +93,17 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
     await page.evaluate(() => {
       // Each drawing of one of the three live plots clears its canvas once.
       const clear = CanvasRenderingContext2D.prototype.clearRect;
-      CanvasRenderingContext2D.prototype.clearRect = function count(...of) {
+      CanvasRenderingContext2D.prototype.clearRect = function count(...args) {
         const isLive = this.canvas.closest("[aria-labelledby=live]") !== null;
         if (isLive) globalThis.drawn = (globalThis.drawn ?? 0) + 1 / 3;
-        return clear.apply(this, of);
+        return clear.apply(this, args);
       };
       location.hash = "#/actuator/%2Fema/left_outboard_flap/telemetry";
     });
     await page.locator("[aria-labelledby=live]").scrollIntoViewIfNeeded();
     await pause(5000 + (SECONDS >= LONG_S ? 25_000 : 0)); // until the buffers are full
     const rate = await measure(gauge, page, "live plots", SECONDS);
-    assert.ok(rate >= LEAST_FRAMES && rate <= 21, `${rate} drawings a second`);
+    assert.ok(rate >= LEAST_FRAMES && rate <= 21, `${rate} drawings per second`);
   } finally {
     await browser.close();
     stage.close();
@@ -112,7 +112,7 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
 
 test(`60 joints for ${SECONDS} s leave the main thread free, also while the grid scrolls`, async () => {
   const stage = await Stage.open("--actuators", 0, "--joints", 60, "--period", 5);
-  const browser = await browse();
+  const browser = await launchBrowser();
   try {
     for (const [name, viewport] of [["grid", { width: 1440, height: 3000 }],
       ["grid on a phone", { width: 320, height: 640 }]]) {
@@ -122,7 +122,7 @@ test(`60 joints for ${SECONDS} s leave the main thread free, also while the grid
       await until("60 joints", async () => (await page.locator(".joint").count()) === 60 &&
         (await page.locator(".joint .sparkline").count()) === 57, 60_000);
       // A record per joint every 5 s: twelve times the highest rate of a monitor.
-      await stage.source.order({ do: "run", period: 5 });
+      await stage.source.send({ do: "run", period: 5 });
       await pause(2000);
       await measure(gauge, page, name, SECONDS / 2);
       const longest = await page.evaluate((ms) => new Promise((resolve) => {
@@ -139,9 +139,9 @@ test(`60 joints for ${SECONDS} s leave the main thread free, also while the grid
         };
         step();
       }), 500 * SECONDS);
-      console.log(`${name}: longest task while it scrolls ${longest.toFixed(0)} ms`);
+      console.log(`${name}: longest task while scrolling ${longest.toFixed(0)} ms`);
       assert.ok(longest <= MOST_TASK_MS, `${name}: a task of ${longest} ms`);
-      await stage.source.order({ do: "halt" });
+      await stage.source.send({ do: "halt" });
       await page.close();
     }
   } finally {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computations of the page, without a browser.
+// Tests of the page's computations, without a browser.
 
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
@@ -8,7 +8,7 @@ import { load } from "./sources.mjs";
 const format = await load("format.ts");
 const faults = await load("faults.ts");
 const { Telemetry } = await load("telemetry.ts");
-const { UnitRecord, begunAnew } = await load("unit_history.ts");
+const { UnitRecord, newHistoryNotice } = await load("unit_history.ts");
 const { levelNow } = await load("levels.ts");
 const { actuatorOf } = await load("peek.ts");
 const { rowsOf } = await load("quantities.ts");
@@ -27,50 +27,50 @@ test("a value is rounded according to its sigma", () => {
   assert.equal(format.withSigma(NaN, 0.1), "–");
 });
 
-test("a record has a row per quantity, with the texts of the commands", () => {
-  const of = (more) => rowsOf([{
+test("a record has a row per quantity, with the same texts as the commands", () => {
+  const row = (fields) => rowsOf([{
     name: "friction", judgement: 1, change: 0.152, low: 0.112, high: 0.192, smallest_change: 0.06,
-    unit: "-", reason: "", rivals: [], ...more,
+    unit: "-", reason: "", rivals: [], ...fields,
   }])[0];
-  assert.deepEqual(of({}), {
+  assert.deepEqual(row({}), {
     name: "friction", label: "Coulomb friction", change: "+15.2 %", interval: "+11.2 to +19.2 %",
     judgement: "changed", isChanged: true,
   });
-  assert.equal(of({ judgement: 0 }).judgement, "unchanged (changes above 6 % would show)");
-  assert.equal(of({ judgement: 0, smallest_change: 0.138 }).judgement,
+  assert.equal(row({ judgement: 0 }).judgement, "unchanged (changes above 6 % would show)");
+  assert.equal(row({ judgement: 0, smallest_change: 0.138 }).judgement,
     "unchanged (changes above 14 % would show)");
-  const hidden = of({ judgement: 2, change: -0.18, reason: "one direction only",
+  const hidden = row({ judgement: 2, change: -0.18, reason: "one direction only",
     rivals: ["torque_per_ampere"] });
   assert.equal(hidden.judgement, "not judged (one direction only)");
-  // Its values may be due to the rival; the values of a doubtful change are its own.
+  // Values that a rival quantity may explain are hidden; the values of an uncertain change are shown.
   assert.deepEqual([hidden.change, hidden.interval], ["", ""]);
-  const doubtful = of({ judgement: 2, change: 0.152, reason: "not certain" });
+  const doubtful = row({ judgement: 2, change: 0.152, reason: "not certain" });
   assert.deepEqual([doubtful.change, doubtful.interval], ["+15.2 %", "+11.2 to +19.2 %"]);
-  assert.equal(of({ rivals: ["torque_per_ampere"] }).judgement,
+  assert.equal(row({ rivals: ["torque_per_ampere"] }).judgement,
     "changed (not distinguishable from torque per unit of effort)");
-  assert.equal(of({ name: "load", unit: "N.m", change: -0.5, smallest_change: 0.1 }).change, "−0.50 N.m");
-  assert.equal(of({ name: "viscous_friction" }).label,
+  assert.equal(row({ name: "load", unit: "N.m", change: -0.5, smallest_change: 0.1 }).change, "−0.50 N.m");
+  assert.equal(row({ name: "viscous_friction" }).label,
     "viscous friction (of all friction at the usual speed)");
   assert.deepEqual(rowsOf(undefined), []);
 });
 
-const quantity = (more) => ({
+const quantity = (fields) => ({
   name: "friction", judgement: 1, change: 0.3, low: 0.25, high: 0.35, smallest_change: 0.06,
-  unit: "-", reason: "", rivals: [], ...more,
+  unit: "-", reason: "", rivals: [], ...fields,
 });
 
 test("joints are grouped by robot, and robots and joints are sorted from worst to best", () => {
   const ranks = { "a/1": 3, "a/2": 1, "a/10": 3, "b/1": 0, "b/2": 3, lone: 2.7, "c/x/1": 1, "c/x/2": 1 };
-  const all = Object.keys(ranks).map((id) => ({ namespace: "/ema", id, key: `/ema/${id}`, serial: "" }));
-  const robots = joints.robotsOf(all, ({ id }) => ranks[id]);
-  // Two joints with a warning come before one.
+  const units = Object.keys(ranks).map((id) => ({ namespace: "/ema", id, key: `/ema/${id}`, serial: "" }));
+  const robots = joints.robotsOf(units, ({ id }) => ranks[id]);
+  // A robot with two warnings comes before a robot with one.
   assert.deepEqual(robots.map(({ name }) => name), ["b", "c/x", "a", ""]);
   assert.deepEqual(robots[2].joints.map(({ id }) => id), ["a/2", "a/1", "a/10"]);
   const changed = (id, change, judgement = 1) => ({
     namespace: "/ema", id, key: `/ema/${id}`, serial: "",
     usable: { quantities: [quantity({ change, judgement })] },
   });
-  // Only a significant change moves a joint: noise must not.
+  // Only significant changes affect the order: noise must not.
   const [{ joints: sorted }] = joints.robotsOf(
     [changed("d/1", 0.02, 0), changed("d/2", 0.04, 0), changed("d/3", 0.2), changed("d/4", 0.4)], () => 1);
   assert.deepEqual(sorted.map(({ id }) => id), ["d/4", "d/3", "d/1", "d/2"]);
@@ -98,15 +98,15 @@ test("a joint shows its friction, other changes and its temperature", () => {
   assert.equal(joints.isJoint({ baseline: {} }), true);
 });
 
-test("the progress of learning is a text with the available values", () => {
-  const of = (more) => ({ state: 0, records: 4, records_needed: 0, days: 1,
-    detectable_same_day: NaN, detectable_other_day: NaN, ...more });
-  assert.equal(joints.countsText(of({})), "4 records on 1 day");
-  assert.equal(joints.countsText(of({ records_needed: 10, days: 2 })), "4 of 10 records on 2 days");
-  assert.equal(joints.countsText(of({ records: 1 })), "1 record on 1 day");
-  assert.equal(joints.countsText(of({ state: 1, records: 12, records_needed: 10 })), "12 records on 1 day");
-  const text = (same, other) => joints
-    .detectableText(of({ detectable_same_day: same, detectable_other_day: other })).replaceAll("\u00a0", " ");
+test("the progress of learning is described with the available values", () => {
+  const status = (fields) => ({ state: 0, records: 4, records_needed: 0, days: 1,
+    detectable_same_day: NaN, detectable_other_day: NaN, ...fields });
+  assert.equal(joints.countsText(status({})), "4 records on 1 day");
+  assert.equal(joints.countsText(status({ records_needed: 10, days: 2 })), "4 of 10 records on 2 days");
+  assert.equal(joints.countsText(status({ records: 1 })), "1 record on 1 day");
+  assert.equal(joints.countsText(status({ state: 1, records: 12, records_needed: 10 })), "12 records on 1 day");
+  const text = (sameDay, otherDay) => joints
+    .detectableText(status({ detectable_same_day: sameDay, detectable_other_day: otherDay })).replaceAll("\u00a0", " ");
   assert.equal(text(NaN, NaN), "");
   assert.equal(text(0.0821, 0.21), "friction changes above 8.2 % would show, above 21 % on another day");
   assert.equal(text(0.08, NaN), "friction changes above 8 % would show");
@@ -118,11 +118,11 @@ test("the friction trend follows a history: replaced, extended, and cut at a see
     [faults[0], sigmas[0]] = [friction, sigma];
     return { stamp: { sec, nanosec: 0 }, faults, sigmas };
   };
-  const of = (tests, serial_number = "1") => ({ serial_number, tests });
+  const history = (tests, serial_number = "1") => ({ serial_number, tests });
   const friction = new FrictionRecord();
   let decoded = 0;
-  friction.replace(() => { decoded += 1; return of([record(1, 0.1), record(2, NaN), record(3, 0.2)]); });
-  friction.add(of([record(3, 0.25), record(4, 0.3)]));
+  friction.replace(() => { decoded += 1; return history([record(1, 0.1), record(2, NaN), record(3, 0.2)]); });
+  friction.add(history([record(3, 0.25), record(4, 0.3)]));
   assert.equal(decoded, 0, "decoded only when it is shown");
   const trend = friction.trend();
   // Friction 0.1 is 20 % above nominal; a record without friction has no point.
@@ -131,9 +131,9 @@ test("the friction trend follows a history: replaced, extended, and cut at a see
   friction.forgetAfter(3);
   assert.deepEqual(friction.trend().change, [0.2, 0.5]);
   assert.equal(decoded, 1);
-  friction.add(of([record(9, 0.05)], "2"));
+  friction.add(history([record(9, 0.05)], "2"));
   assert.deepEqual(friction.trend().change, [0.1], "another unit");
-  friction.replace(() => of(Array.from({ length: 2000 }, (_, i) => record(i, i / 2000))));
+  friction.replace(() => history(Array.from({ length: 2000 }, (_, i) => record(i, i / 2000))));
   const { change } = friction.trend();
   assert.ok(change.length > 24 && change.length <= 48, change.length);
   assert.ok(change.every((value, i) => !i || value > change[i - 1]));
@@ -153,34 +153,34 @@ test("friction over speed has no line between the directions, and counts speeds 
   assert.deepEqual([covered, judged, outside], [3, 2, 1]);
 });
 
-test("an unknown drive has the faults of its records and the recorded effort", () => {
-  const of = (more) => ({ drive: 2, effort_kind: 0, torque_constant: 1, gear_ratio: 1, lead: 0, ...more });
+test("an unknown drive is shown with the faults that records reveal, and with the recorded effort", () => {
+  const description = (fields) => ({ drive: 2, effort_kind: 0, torque_constant: 1, gear_ratio: 1, lead: 0, ...fields });
   const shown = (unit) => faults.ASSESSED.map(({ name }) => name).filter((name) => faults.isShown(name, unit));
-  assert.deepEqual(shown(of({})), ["friction", "backlash"]);
-  assert.deepEqual(shown(of({ drive: 0 })), shown(undefined));
+  assert.deepEqual(shown(description({})), ["friction", "backlash"]);
+  assert.deepEqual(shown(description({ drive: 0 })), shown(undefined));
   assert.equal(shown(undefined).length, faults.ASSESSED.length);
-  assert.deepEqual(faults.effortOf(of({})), { name: "current", unit: "A", scale: 1 });
-  assert.deepEqual(faults.effortOf(of({ drive: 0, effort_kind: 1 })).unit, "A");
-  assert.deepEqual(faults.effortOf(of({ effort_kind: 1, torque_constant: 0.05, gear_ratio: 0.01 })),
+  assert.deepEqual(faults.effortOf(description({})), { name: "current", unit: "A", scale: 1 });
+  assert.deepEqual(faults.effortOf(description({ drive: 0, effort_kind: 1 })).unit, "A");
+  assert.deepEqual(faults.effortOf(description({ effort_kind: 1, torque_constant: 0.05, gear_ratio: 0.01 })),
     { name: "torque", unit: "N.m", scale: 5 });
-  const force = faults.effortOf(of({ effort_kind: 2, lead: 0.005 }));
+  const force = faults.effortOf(description({ effort_kind: 2, lead: 0.005 }));
   assert.deepEqual([force.name, force.unit], ["force", "N"]);
   assert.ok(Math.abs(force.scale - (2 * Math.PI) / 0.005) < 1e-9);
 });
 
-test("faults of a linear actuator are also in N and mm", () => {
+test("faults of a linear actuator are also shown in N and mm", () => {
   const screw = {
     lead: 0.005, gear_ratio: 0.1, backlash: 0.08 * Math.PI, drive: 0,
     motor_static_friction: 0, user_static_friction: (200 * 0.0005) / (2 * Math.PI),
   };
-  const of = (name, value, unit) => faults.physical(faults.faultOf(name), value, 0.01, unit);
-  assert.match(of("friction", 0.25, screw), /× nominal, \+100\.0 N$/);
-  assert.match(of("backlash", 0.1, screw), /× nominal, \+0\.198 mm$/);
-  assert.match(of("friction", 0.25, { ...screw, drive: 2 }), /× nominal$/);
-  assert.match(of("friction", 0.25, { ...screw, lead: 0 }), /× nominal$/);
+  const text = (name, value, unit) => faults.physical(faults.faultOf(name), value, 0.01, unit);
+  assert.match(text("friction", 0.25, screw), /× nominal, \+100\.0 N$/);
+  assert.match(text("backlash", 0.1, screw), /× nominal, \+0\.198 mm$/);
+  assert.match(text("friction", 0.25, { ...screw, drive: 2 }), /× nominal$/);
+  assert.match(text("friction", 0.25, { ...screw, lead: 0 }), /× nominal$/);
 });
 
-test("hours of a life are rounded according to their interval", () => {
+test("hours of remaining life are rounded according to their interval", () => {
   const life = { hours_05: 1012.3, hours_50: 1623.7, hours_95: 2717.9 };
   assert.equal(format.lifeHours(life.hours_50, life), "1,620");
   const short = { hours_05: 3.21, hours_50: 5.43, hours_95: 8.76 };
@@ -230,7 +230,7 @@ test("telemetry without current or speed shows the other columns", () => {
   assert.ok(countFinite(values.position) > 0);
 });
 
-test("telemetry that goes back in time replaces the earlier one", () => {
+test("telemetry that goes back in time replaces earlier telemetry", () => {
   const telemetry = new Telemetry();
   telemetry.add(block(1000, [5, 5, 5]));
   telemetry.add(block(900, [1, 1, 1]));
@@ -238,10 +238,10 @@ test("telemetry that goes back in time replaces the earlier one", () => {
   assert.deepEqual([...new Set(finite)], [1]);
 });
 
-function base(...secs) {
+function unitHistory(...seconds) {
   return {
     serial_number: "1", omitted: 7n, events: [],
-    tests: secs.map((sec) => ({
+    tests: seconds.map((sec) => ({
       stamp: { sec, nanosec: 5 }, flight_hours: sec / 10, cycles: 1n, verdict: 0,
       faults: new Float64Array(8), sigmas: new Float64Array(8), insignificant: 0, level: 0,
       health_index: 1, dominant_fault: "", rul_known: false, rul_05: NaN, rul_50: NaN, rul_95: NaN,
@@ -249,42 +249,42 @@ function base(...secs) {
   };
 }
 
-test("added tests follow those sent by the node, each once", () => {
+test("added tests follow the tests sent by the node, without duplicates", () => {
   const record = new UnitRecord();
-  record.replace(() => base(100, 200));
-  record.add(base(200));
-  record.add(base(300));
-  const again = base(300); // with its requirements
-  again.tests[0].level = 1;
-  record.add(again);
+  record.replace(() => unitHistory(100, 200));
+  record.add(unitHistory(200));
+  record.add(unitHistory(300));
+  const repeated = unitHistory(300); // the same test, once its level is known
+  repeated.tests[0].level = 1;
+  record.add(repeated);
   const columns = record.columns();
   assert.deepEqual([...columns.hours], [10, 20, 30]);
   assert.deepEqual([...columns.level], [0, 0, 1]);
   assert.equal(columns.omitted, 7);
-  record.add({ ...base(400), serial_number: "2" });
+  record.add({ ...unitHistory(400), serial_number: "2" });
   assert.deepEqual([...record.columns().hours], [40]);
 });
 
-test("a seek discards everything later than the position", () => {
+test("a seek discards everything after the position", () => {
   const record = new UnitRecord();
-  record.replace(() => base(100, 200, 300));
+  record.replace(() => unitHistory(100, 200, 300));
   record.forgetAfter(250);
   assert.deepEqual([...record.columns().hours], [10, 20]);
 });
 
-test("an event is shown once, with the kind and text of the node", () => {
+test("an event is shown once, with the kind and text sent by the node", () => {
   const event = (sec, kind, text) => ({ stamp: { sec, nanosec: 5 }, flight_hours: 1, kind, text });
   const record = new UnitRecord();
-  const stored = base(100, 200);
+  const stored = unitHistory(100, 200);
   stored.events.push(event(200, "step", "friction rose"));
   record.replace(() => stored);
   const gap = event(300, "gap", "5 samples of telemetry missing");
-  record.add({ ...base(), events: [gap, event(200, "step", "friction rose")] });
+  record.add({ ...unitHistory(), events: [gap, event(200, "step", "friction rose")] });
   assert.deepEqual(record.columns().events.map(({ kind, text }) => [kind, text]),
     [["step", "friction rose"], ["gap", "5 samples of telemetry missing"]]);
 });
 
-test("the actuator of a message is read without decoding it", () => {
+test("the actuator of a message is read without decoding the message", () => {
   const bytes = [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0,
     ...Buffer.from("flap\0")];
   const view = (list) => new DataView(Uint8Array.from(list).buffer);
@@ -297,14 +297,14 @@ test("levels are unknown while the dashboard is silent", () => {
   mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
   globalThis.requestAnimationFrame = () => {};
   const state = new State(() => {});
-  const take = (topic, message) =>
+  const receive = (topic, message) =>
     state.take({ kind: "messages", received: [{ namespace: "/ema", topic, message }] });
   const stamp = { sec: 1, nanosec: 0 };
-  const status = (name) => take("/diagnostics", {
+  const status = (name) => receive("/diagnostics", {
     header: { stamp }, status: [{ name, level: 0, message: "", hardware_id: "", values: [] }],
   });
   const flap = () => [...state.actuators.values()][0];
-  take("health", { header: { stamp }, actuator_id: "flap", serial_number: "1",
+  receive("health", { header: { stamp }, actuator_id: "flap", serial_number: "1",
     level: 1, last_level: 1, faults: [], requirements: [] });
   mock.timers.tick(4000);
   status("/ema/dashboard: dashboard");
@@ -318,11 +318,11 @@ test("levels are unknown while the dashboard is silent", () => {
   mock.timers.reset();
 });
 
-test("an alarm of a silent monitor stays, marked as old", () => {
-  const now = (...of) => { const { word, name, isOld } = levelNow(...of); return [word, name, isOld]; };
+test("an alarm of a silent monitor remains, marked as old", () => {
+  const now = (...args) => { const { word, name, isOld } = levelNow(...args); return [word, name, isOld]; };
   assert.deepEqual(now(2, 2), ["ERROR", "error", undefined]);
   assert.deepEqual(now(3, 2), ["ERROR, old", "error", true]); // the monitor is silent
-  assert.deepEqual(now(2, 2, true), ["ERROR, old", "error", true]); // the dashboard is
+  assert.deepEqual(now(2, 2, true), ["ERROR, old", "error", true]); // the dashboard is silent
   assert.deepEqual(now(3, 1), ["WARN, old", "warn", true]);
   // An unknown level is never shown as OK.
   assert.deepEqual(now(0, 0, true), ["STALE", "stale", undefined]);
@@ -330,13 +330,13 @@ test("an alarm of a silent monitor stays, marked as old", () => {
   assert.deepEqual(now(3, 3), ["STALE", "stale", undefined]);
 });
 
-test("tests that a monitor has lost are reported until it has as many again, with any counting", () => {
+test("a lost history is reported until the new history has as many tests", () => {
   const event = (kind, text, count = 0) => ({ kind, text, count, stamp: { sec: 50, nanosec: 0 } });
-  const anew = event("history", "the monitor started a new history", 3);
-  const words = (events, ...stamp) => begunAnew({ events, stamp: Float64Array.from(stamp) });
-  assert.equal(words([anew, event("note", "Ada: seen")], 10, 20, 30, 50, 60), anew.text);
-  assert.equal(words([anew], 50, 60, 70), "");
-  assert.equal(words([event("history", "the file is damaged")], 10), "");
+  const loss = event("history", "the monitor started a new history", 3);
+  const warning = (events, ...stamp) => newHistoryNotice({ events, stamp: Float64Array.from(stamp) });
+  assert.equal(warning([loss, event("note", "Ada: seen")], 10, 20, 30, 50, 60), loss.text);
+  assert.equal(warning([loss], 50, 60, 70), "");
+  assert.equal(warning([event("history", "the file is damaged")], 10), "");
 });
 
 test("a status belongs to the actuator in its namespace", () => {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // A web server for the tests: the shipped page and the WebSocket of a backend, on one port.
-// It can disconnect, refuse requests, and count what the page loads.
+// It can disconnect clients, refuse requests and leave them unanswered.
 
 import { readFile } from "node:fs/promises";
-import { createServer, request as ask } from "node:http";
+import { createServer, request as forward } from "node:http";
 import { connect } from "node:net";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -15,17 +15,17 @@ const TYPES = {
   ".css": "text/css; charset=utf-8",
   ".svg": "image/svg+xml",
 };
-// The strictest policy with which the page works; that of the dashboard node must not be stricter.
+// The strictest policy with which the page works; the dashboard node's policy must not be stricter.
 const POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; " +
   "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'";
 
 export class Origin {
   backend = 0; // port of the backend
-  refuses = 0; // HTTP status with which all requests are refused
-  reason = ""; // reason of the refusal
-  isDown = false; // whether all requests fail
+  refusalStatus = 0; // HTTP status with which all requests are refused; 0: none is refused
+  refusalReason = ""; // body of a refusal
+  isDown = false; // whether all requests are closed without an answer
   fleet = { archive: null }; // summary of an archive, or the reason why it is missing
-  holds = false; // whether connections stay open without an answer
+  isHanging = false; // whether WebSocket requests stay open without an answer
   #server;
   #sockets = new Set();
 
@@ -33,40 +33,40 @@ export class Origin {
     this.#server = createServer((request, response) => void this.#answer(request, response));
     this.#server.on("upgrade", (request, socket, head) => {
       socket.on("error", () => undefined);
-      if (this.holds) return;
+      if (this.isHanging) return;
       if (this.isDown) {
         socket.destroy();
         return;
       }
-      if (this.refuses || !this.backend) {
-        socket.end(`HTTP/1.1 ${this.refuses || 502} No\r\nConnection: close\r\n\r\n`);
+      if (this.refusalStatus || !this.backend) {
+        socket.end(`HTTP/1.1 ${this.refusalStatus || 502} No\r\nConnection: close\r\n\r\n`);
         return;
       }
-      const behind = connect(this.backend, "127.0.0.1");
-      behind.on("error", () => socket.destroy());
-      socket.on("close", () => behind.destroy());
-      behind.on("close", () => socket.destroy());
+      const upstream = connect(this.backend, "127.0.0.1");
+      upstream.on("error", () => socket.destroy());
+      socket.on("close", () => upstream.destroy());
+      upstream.on("close", () => socket.destroy());
       this.#sockets.add(socket);
       socket.on("close", () => this.#sockets.delete(socket));
       const lines = [`${request.method} ${request.url} HTTP/1.1`];
       for (let i = 0; i < request.rawHeaders.length; i += 2) {
         lines.push(`${request.rawHeaders[i]}: ${request.rawHeaders[i + 1]}`);
       }
-      behind.write(`${lines.join("\r\n")}\r\n\r\n`);
-      behind.write(head);
-      socket.pipe(behind).pipe(socket);
+      upstream.write(`${lines.join("\r\n")}\r\n\r\n`);
+      upstream.write(head);
+      socket.pipe(upstream).pipe(socket);
     });
     await new Promise((resolve) => this.#server.listen(0, "127.0.0.1", resolve));
     return `http://127.0.0.1:${this.#server.address().port}/`;
   }
 
-  /** Close all connections of pages. */
-  cut() {
+  /** Close the WebSocket connections of all pages. */
+  disconnect() {
     for (const socket of this.#sockets) socket.destroy();
   }
 
   close() {
-    this.cut();
+    this.disconnect();
     this.#server.closeAllConnections();
     this.#server.close();
   }
@@ -77,17 +77,17 @@ export class Origin {
       return;
     }
     if (request.method === "POST") {
-      if (this.refuses || request.url === "/") {
-        response.writeHead(this.refuses || 405).end(this.refuses ? this.reason : "");
+      if (this.refusalStatus || request.url === "/") {
+        response.writeHead(this.refusalStatus || 405).end(this.refusalStatus ? this.refusalReason : "");
         return;
       }
       const { method, url: path, headers } = request;
-      const behind = ask({ port: this.backend, host: "127.0.0.1", method, path, headers }, (answer) => {
+      const upstream = forward({ port: this.backend, host: "127.0.0.1", method, path, headers }, (answer) => {
         response.writeHead(answer.statusCode, answer.headers);
         answer.pipe(response);
       });
-      behind.on("error", () => request.socket.destroy());
-      request.pipe(behind);
+      upstream.on("error", () => request.socket.destroy());
+      request.pipe(upstream);
       return;
     }
     if (request.url.startsWith("/fleet.json")) {

@@ -9,23 +9,23 @@ import path from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
 import { overflow } from "./access.mjs";
-import { browse } from "./stage.mjs";
+import { launchBrowser } from "./stage.mjs";
 
 const SAMPLE = fileURLToPath(new URL("../../../../../bags/faulty_flap.mcap", import.meta.url));
 
-test("a report on a phone has whole captions and legible pictures, and scrolls only vertically", async () => {
+test("on a phone, a report has complete captions and legible figures, and scrolls only vertically", async () => {
   const report = path.join(mkdtempSync(path.join(tmpdir(), "report-")), "report.html");
   execFileSync("ema", ["report", SAMPLE, "-o", report]);
-  const browser = await browse();
+  const browser = await launchBrowser();
   try {
     const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
     await page.goto(`file://${report}`);
     assert.ok((await overflow(page)) <= 0);
-    const ends = await page.locator("caption, figcaption").evaluateAll((all) =>
-      all.map((element) => element.getBoundingClientRect().right));
-    assert.ok(ends.length > 4 && Math.max(...ends) <= 390, String(ends));
-    const heights = await page.locator("svg text").evaluateAll((all) =>
-      all.map((element) => element.getBoundingClientRect().height));
+    const rightEdges = await page.locator("caption, figcaption").evaluateAll((elements) =>
+      elements.map((element) => element.getBoundingClientRect().right));
+    assert.ok(rightEdges.length > 4 && Math.max(...rightEdges) <= 390, String(rightEdges));
+    const heights = await page.locator("svg text").evaluateAll((elements) =>
+      elements.map((element) => element.getBoundingClientRect().height));
     assert.ok(Math.min(...heights) >= 9, String(Math.min(...heights)));
   } finally {
     await browser.close();

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures of every state of the page, in both themes: node test/screenshots.mjs FOLDER [NAMES...]
+// Take screenshots of every state of the page, in both themes: node test/screenshots.mjs FOLDER [NAMES...]
 
 import { mkdir } from "node:fs/promises";
 import path from "node:path";
-import { drawnFleet } from "./fleet.mjs";
-import { Stage, browse } from "./stage.mjs";
+import { randomFleet } from "./fleet.mjs";
+import { Stage, launchBrowser } from "./stage.mjs";
 
-const [folder, ...only] = process.argv.slice(2);
+const [folder, ...names] = process.argv.slice(2);
 if (!folder) throw new Error("usage: node test/screenshots.mjs FOLDER [NAMES...]");
 await mkdir(folder, { recursive: true });
 
@@ -17,7 +17,7 @@ const ROBOTS = ["--actuators", 2, "--joints", 14];
 const ELBOW = "#/actuator/%2Fema/left%2Felbow";
 const WORN = "#/actuator/%2Fema/left_outboard_flap";
 
-const live = (order) => async (stage) => stage.source.order({ do: "run", period: 30, ...order });
+const live = (options) => async (stage) => stage.source.send({ do: "run", period: 30, ...options });
 const rows = (page) => page.waitForSelector("table.fleet tbody tr");
 const plots = (page) => page.waitForSelector(".plots.many canvas");
 const sparklines = async (page) => {
@@ -30,19 +30,19 @@ const refuseBaseline = async (page) => {
   await page.getByRole("button", { name: "Accept the baseline" }).click();
   await page.waitForSelector("form.change [role=alert]");
 };
-const archived = async (stage) => { stage.origin.fleet = drawnFleet(); await live({})(stage); };
+const archived = async (stage) => { stage.origin.fleet = randomFleet(); await live({})(stage); };
 const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas");
 
 const STATES = [
-  { name: "overview", at: WORN, before: live({}), ready: plots,
+  { name: "overview", hash: WORN, before: live({}), ready: plots,
     view: { width: 1440, height: 1004 }, scale: 1 },
   { name: "fleet", before: live({}), ready: rows },
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
-  { name: "archive", at: "#/archive", before: archived, ready: curve, full: true },
-  { name: "archive_phone", at: "#/archive", before: archived, ready: curve, view: PHONE, full: true },
+  { name: "archive", hash: "#/archive", before: archived, ready: curve, full: true },
+  { name: "archive_phone", hash: "#/archive", before: archived, ready: curve, view: PHONE, full: true },
   ...["faults", "life", "test", "evidence", "telemetry", "events"].flatMap((part) =>
     [{}, { view: PHONE }].map((view) => ({
-      name: `${part}${view.view ? "_phone" : ""}`, at: `${WORN}/${part}`, full: true, ...view,
+      name: `${part}${view.view ? "_phone" : ""}`, hash: `${WORN}/${part}`, full: true, ...view,
       before: live({ open: "left_outboard_flap" }),
       ready: async (page) => {
         await page.waitForSelector(".summary canvas");
@@ -52,10 +52,10 @@ const STATES = [
   ...[{}, { view: PHONE }, { view: NARROW }].flatMap((view, i) => [
     { name: `joints${["", "_phone", "_narrow"][i]}`, options: ROBOTS, ready: sparklines, full: true,
       ...view },
-    { name: `joint${["", "_phone", "_narrow"][i]}`, options: ROBOTS, at: ELBOW, full: true, ...view,
+    { name: `joint${["", "_phone", "_narrow"][i]}`, options: ROBOTS, hash: ELBOW, full: true, ...view,
       ready: (page) => page.waitForSelector("[aria-labelledby=friction] canvas") },
     { name: `learning${["", "_phone", "_narrow"][i]}`, options: ROBOTS, full: true, ...view,
-      at: "#/actuator/%2Fema/left%2Fwrist_3", ready: refuseBaseline },
+      hash: "#/actuator/%2Fema/left%2Fwrist_3", ready: refuseBaseline },
   ]),
   { name: "joints_table", options: ROBOTS, ready: async (page) => {
     await sparklines(page);
@@ -63,60 +63,60 @@ const STATES = [
     await rows(page);
   } },
   { name: "joints_60", options: ["--actuators", 0, "--joints", 60], ready: sparklines },
-  { name: "failed", at: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
-  { name: "refused", at: WORN, ready: async (page, stage) => {
+  { name: "failed", hash: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
+  { name: "refused", hash: WORN, ready: async (page, stage) => {
     await plots(page);
-    await stage.source.order({ do: "test", actuator: "left_outboard_flap",
+    await stage.source.send({ do: "test", actuator: "left_outboard_flap",
       refused: "the calibration flap-2031 expired on 2031-04-02: calibrate the unit" });
     await page.waitForSelector(".head .banner.error");
   } },
-  { name: "departed", at: WORN, ready: async (page, stage) => {
+  { name: "departed", hash: WORN, ready: async (page, stage) => {
     await plots(page);
-    await stage.source.order({ do: "test", actuator: "left_outboard_flap", verdict: 5,
+    await stage.source.send({ do: "test", actuator: "left_outboard_flap", verdict: 5,
       refused: "current at rest +38 %, 6.1 sigma; no fault explains it" });
     await page.waitForSelector(".head .banner.warn");
   } },
-  { name: "old", at: "#/actuator/%2Fema/right_outboard_flap", ready: async (page, stage) => {
+  { name: "old", hash: "#/actuator/%2Fema/right_outboard_flap", ready: async (page, stage) => {
     await plots(page);
-    await stage.source.order({ do: "set", actuator: "right_outboard_flap", level: 3 });
+    await stage.source.send({ do: "set", actuator: "right_outboard_flap", level: 3 });
     await page.waitForSelector(".banner.stale");
   } },
-  { name: "stale", at: WORN, ready: async (page, stage) => {
+  { name: "stale", hash: WORN, ready: async (page, stage) => {
     await plots(page);
-    await stage.source.order({ do: "set", actuator: "left_outboard_flap", level: 3 });
+    await stage.source.send({ do: "set", actuator: "left_outboard_flap", level: 3 });
     await page.waitForSelector(".banner.stale");
   } },
   { name: "disconnected", before: live({}), ready: async (page, stage) => {
     await rows(page);
     stage.origin.isDown = true;
-    stage.origin.cut();
+    stage.origin.disconnect();
     await page.waitForSelector(".banner.error.wide");
   } },
   { name: "silent", before: live({}), ready: async (page, stage) => {
     await rows(page);
-    await stage.source.order({ do: "halt" });
+    await stage.source.send({ do: "halt" });
     await page.waitForSelector(".banner.warn.wide");
   } },
   { name: "empty", options: ["--actuators", 0], before: live({}),
     ready: (page) => page.waitForSelector("text=No test yet") },
   { name: "nothing", options: ["--actuators", 0, "--without", "playback_state", "health"],
     ready: (page) => page.waitForSelector("text=No actuator yet") },
-  { name: "connecting", before: async (stage) => { stage.origin.holds = true; },
+  { name: "connecting", before: async (stage) => { stage.origin.isHanging = true; },
     ready: (page) => page.waitForSelector(".loading") },
-  { name: "not_allowed", before: async (stage) => { stage.origin.refuses = 503; },
+  { name: "not_allowed", before: async (stage) => { stage.origin.refusalStatus = 503; },
     ready: (page) => page.waitForSelector("text=Not allowed") },
   { name: "no_match", before: live({}), ready: async (page) => {
     await rows(page);
     await page.fill("input[type=search]", "winglet");
     await page.waitForSelector(".empty");
   } },
-  { name: "playback", options: ["--without"], at: WORN, before: async (stage) => {
-    await stage.source.order({ do: "playback", status: 1, rate: 2, position: 210 });
+  { name: "playback", options: ["--without"], hash: WORN, before: async (stage) => {
+    await stage.source.send({ do: "playback", status: 1, rate: 2, position: 210 });
   }, ready: async (page) => { await plots(page); await page.waitForSelector(".playback"); } },
 ];
 
-const browser = await browse();
-for (const state of STATES.filter(({ name }) => !only.length || only.includes(name))) {
+const browser = await launchBrowser();
+for (const state of STATES.filter(({ name }) => !names.length || names.includes(name))) {
   for (const colorScheme of ["light", "dark"]) {
     const stage = await Stage.open(...(state.options ?? []));
     await state.before?.(stage);
@@ -130,12 +130,12 @@ for (const state of STATES.filter(({ name }) => !only.length || only.includes(na
       }
     });
     page.on("pageerror", (error) => console.error(`${state.name}: ${error}`));
-    await page.goto(stage.address + (state.at ?? ""));
+    await page.goto(stage.address + (state.hash ?? ""));
     await state.ready(page, stage);
     await page.waitForTimeout(500); // fonts and the plots' first drawing
-    // A picture of the whole page includes elements outside the viewport.
-    await page.$$eval(".joint, .fleet tbody tr", (all, isFull) => {
-      for (const element of all) if (isFull) element.style.contentVisibility = "visible";
+    // Render elements outside the viewport, which a picture of the whole page includes.
+    await page.$$eval(".joint, .fleet tbody tr", (elements, isFull) => {
+      for (const element of elements) if (isFull) element.style.contentVisibility = "visible";
     }, state.full ?? false);
     await page.evaluate(() => scrollTo(0, 0));
     await page.waitForTimeout(200);

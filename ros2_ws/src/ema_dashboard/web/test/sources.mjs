@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Load modules of the page in Node, not all versions of which read TypeScript.
+// Load TypeScript modules of the page in Node; old versions of Node cannot read TypeScript.
 
 import { build } from "esbuild";
 import { fileURLToPath } from "node:url";
@@ -12,6 +12,6 @@ export async function load(name) {
     format: "esm",
     platform: "node",
   });
-  const text = Buffer.from(outputFiles[0].contents).toString("base64");
-  return import(`data:text/javascript;base64,${text}`);
+  const encoded = Buffer.from(outputFiles[0].contents).toString("base64");
+  return import(`data:text/javascript;base64,${encoded}`);
 }

@@ -9,7 +9,7 @@ import { Origin } from "./origin.mjs";
 
 const SERVER = fileURLToPath(new URL("../../../../../tests/web/synthetic_server.py", import.meta.url));
 
-/** The process of synthetic_server.py, which answers each command. */
+/** A process of synthetic_server.py, which answers each command. */
 export class Source {
   #process;
   #answers = [];
@@ -25,12 +25,13 @@ export class Source {
       else this.#answers.push(JSON.parse(line));
     });
     this.#process.on("exit", (code) => {
-      for (const { reject } of this.#waiting) reject(new Error(`the source ended with ${code}`));
+      for (const { reject } of this.#waiting) reject(new Error(`synthetic_server.py exited with ${code}`));
     });
   }
 
-  order(what) {
-    this.#process.stdin.write(`${JSON.stringify(what)}\n`);
+  /** Send a command, and return the answer. */
+  send(command) {
+    this.#process.stdin.write(`${JSON.stringify(command)}\n`);
     return new Promise((resolve, reject) => this.#waiting.push({ resolve, reject }));
   }
 
@@ -48,17 +49,17 @@ function browserPath() {
       // Try the next name.
     }
   }
-  throw new Error("no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it");
+  throw new Error("no Chromium on PATH: install it, or set CHROMIUM to the path of a browser");
 }
 
-/** Start the headless Chromium of the system. */
-export function browse() {
-  // The sandbox needs user namespaces, which containers lack; only the shipped page is opened.
+/** Start the system's Chromium without a window. */
+export function launchBrowser() {
+  // The sandbox needs user namespaces, which containers lack; the tests open the shipped page only.
   const args = ["--no-sandbox", "--disable-dev-shm-usage", "--enable-precise-memory-info"];
   return chromium.launch({ executablePath: browserPath(), args });
 }
 
-/** Message source, web server and address of a fleet. */
+/** The message source and the web server of a test, with the address of the page. */
 export class Stage {
   static async open(...options) {
     const stage = new Stage();
@@ -70,7 +71,7 @@ export class Stage {
   }
 
   async start() {
-    this.origin.backend = (await this.source.order({ do: "start" })).port;
+    this.origin.backend = (await this.source.send({ do: "start" })).port;
   }
 
   close() {
@@ -79,14 +80,17 @@ export class Stage {
   }
 }
 
-/** Wait until a function of the test, which may be asynchronous, returns a true value. */
-export async function until(claim, check, limit_ms = 15_000) {
+/**
+ * Wait until a function, which may be asynchronous, returns a true value; return the value.
+ * If this takes longer than a limit [ms], throw an error that names the expected state.
+ */
+export async function until(expected, check, limit_ms = 15_000) {
   const end = performance.now() + limit_ms;
   let last;
   for (;;) {
     last = await check();
     if (last) return last;
-    if (performance.now() > end) throw new Error(`not within ${limit_ms} ms: ${claim}`);
+    if (performance.now() > end) throw new Error(`not within ${limit_ms} ms: ${expected}`);
     await new Promise((resolve) => setTimeout(resolve, 20));
   }
 }

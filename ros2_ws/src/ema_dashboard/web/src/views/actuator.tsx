@@ -7,7 +7,7 @@ import { dateTime, duration, fixed, hours, percent, shownUnit, significant, unit
 import { DEPARTED, ERROR, type FaultHealth, type Health, OK, STALE, seconds } from "../messages.ts";
 import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
-import { type HistoryColumns, begunAnew } from "../unit_history.ts";
+import { type HistoryColumns, newHistoryNotice } from "../unit_history.ts";
 import { Folded, WhatToDo, isPhone } from "./advice.tsx";
 import { Baseline, Progress } from "./baseline.tsx";
 import { Events } from "./events.tsx";
@@ -97,7 +97,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const { health, estimate, description } = actuator;
   const level = levelOf(actuator);
   const fault = health && worstFault(health);
-  const anew = columns && begunAnew(columns);
+  const notice = columns && newHistoryNotice(columns);
   const isDeparted = estimate?.verdict === DEPARTED;
   const learning = isLearning(actuator) ? actuator.baseline : undefined;
   // Records of a learning joint give no estimate; any other reason is a defect of the record.
@@ -127,9 +127,9 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
           <Folded title="Why">{estimate.reason || "no reason given"}</Folded>
         </p>
       )}
-      {anew && (
+      {notice && (
         <p class="banner warn">
-          <strong>Tests are lost:</strong> {anew}. Trends and remaining life are based on the tests
+          <strong>Tests are lost:</strong> {notice}. Trends and remaining life are based on the tests
           since then.
         </p>
       )}
