@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The reference actuator in scalar C++: what a step of it costs there.
+// Measure the time of a step of the reference actuator in scalar C++.
 // g++ -O3 -march=native [-ffast-math] reference_step.cpp -o reference_step && ./reference_step
 //
-// The steps of ema_sim/reference.py, equations (M1) to (M8) of docs/model.md, written as they stand
-// and for one actuator: the built-in one, at 1 us from rest, under a chirp of 5 mrad from 0 to 15 Hz
-// in 0.5 s. Once healthy, once with 0.3 eccentricity, 20 % short circuit of phase A and friction.
-// Prints a line per case: name, best and median time of a step [ns]. With --current, prints the
-// equivalent current instead, healthy and then faulty, a sample of 100 us a line [A].
+// The steps are equations (M1) to (M8) of docs/model.md, as in ema_sim/reference.py, for the built-in
+// actuator. From rest, it follows a chirp of 5 mrad from 0 to 15 Hz in 0.5 s, in steps of 1 us. There are
+// two cases: healthy, and faulty with eccentricity 0.3, a short circuit of 20 % in phase A, and friction
+// 1.5 times nominal.
+// Prints a line per case: name, shortest and median time of a step [ns]. With --current, prints the
+// equivalent current [A] instead, first healthy and then faulty: a line per sample of 100 us.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -107,7 +108,7 @@ inline State step(const Actuator& p, const State& x, double command, double load
           lag_1, lag_2, lag_3, x.integral + DT * error, error, torque};
 }
 
-// Not inlined: the actuator stays unknown to the compiler.
+// Not inlined, so that the compiler cannot treat the actuator's parameters as constants.
 __attribute__((noinline)) void advance(
     const Actuator& actuator, const double* commands, const double* loads, double* current) {
   const Actuator p = actuator;

@@ -28,7 +28,7 @@ lock requirements/lock.txt requirements/{ros,runtime,dev}.in --excludes requirem
 
 # A newer ROS distribution would resolve without an error, but would be wrong.
 grep -q '^ros-rclpy==7\.1\.[0-9]* ' requirements/lock.txt || {
-    echo "lock: rclpy is not Jazzy's 7.1: pin what brought it in requirements/ros.in" >&2
+    echo "lock: rclpy is not version 7.1 of Jazzy: pin the package that requires a newer one in requirements/ros.in" >&2
     exit 1
 }
 

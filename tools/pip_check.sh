@@ -1,27 +1,28 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs the numerics with pip, without ROS, reads the sample bag and identifies its faults.
+# Installs the packages that work without ROS with pip, identifies the faults of the sample bag, and
+# writes an archive.
 #
-#   tools/pip_check.sh        uses the Python of .venv and the versions in requirements/lock.txt
+#   tools/pip_check.sh        # with the Python of .venv and the versions in requirements/lock.txt
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 for name in ${!ROS_@} ${!AMENT_@} ${!PYTHON@}; do unset "$name"; done
 unset LD_LIBRARY_PATH VIRTUAL_ENV
-place=$(mktemp -d)
-trap 'rm -rf "$place"' EXIT
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
 
-"$(<"$root/.venv/.python")" -m venv "$place/venv"
-grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
+"$(<"$root/.venv/.python")" -m venv "$folder/venv"
+grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$folder/constraints.txt"
 # Copy the packages, because pip would build in the source folders.
 for package in ema_core ema_sim ema_monitor ema_archive ros2_ws/src/ema_ros ros2_ws/src/ema_bags; do
-    cp -r "$root/$package" "$place"
+    cp -r "$root/$package" "$folder"
 done
-cd "$place"
-own=(./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive)
+cd "$folder"
+packages=(./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_bags ./ema_archive)
 # pip does not check hashes if it installs a folder: install the dependencies with hashes first.
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-    --dry-run --report needed.json "${own[@]}"
+    --dry-run --report needed.json "${packages[@]}"
 "$root/.venv/bin/python" - "$root/requirements/lock.txt" >needed.txt <<'EOF'
 import json
 import re
@@ -35,13 +36,13 @@ for entry in re.split(r"\n(?=\S)", Path(sys.argv[1]).read_text()):
         print(entry)
 EOF
 venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r needed.txt
-venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation "${own[@]}"
+venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation "${packages[@]}"
 venv/bin/pip check
 rm -rf ema_*
 # Copy only the sample bag: the folder may also contain bags of demos.
 mkdir bags
 cp "$root/bags/faulty_flap.mcap" bags
-XDG_CACHE_HOME=$place venv/bin/python - bags/faulty_flap.mcap <<'EOF'
+XDG_CACHE_HOME=$folder venv/bin/python - bags/faulty_flap.mcap <<'EOF'
 import sys
 from pathlib import Path
 
@@ -58,10 +59,10 @@ print(estimate)
 with Manifest(Path("archive"), is_new=True) as manifest, Workers("threads", 1) as workers:
     scan(manifest, [str(Path(sys.argv[1]).parent)])
     run(manifest, workers)
-_, kept = answer(Path("archive"), "select friction from estimates where valid")
-assert kept == [(estimate.faults.friction,)], kept
+_, rows = answer(Path("archive"), "select friction from estimates where valid")
+assert rows == [(estimate.faults.friction,)], rows
 assert "rclpy" not in sys.modules
 assert estimate.valid
 assert abs(estimate.faults.friction - 0.25) < 4.0 * estimate.sigma.friction
 EOF
-echo "pip install without ROS: reads a bag, identifies, and keeps an archive"
+echo "pip install without ROS: the packages read a bag, identify faults and write an archive"

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Sets up the project, and runs `make quick` and a demo of 10 s, with each supported Python.
+# With each supported Python, sets up the project and runs `make quick` and a demo of 10 s.
 #
-#   tools/test_pythons.sh         # the installed ones of Python 3.11, 3.12 and 3.13
+#   tools/test_pythons.sh         # each installed Python of 3.11, 3.12 and 3.13
 #   tools/test_pythons.sh 3.13    # a single version
 #
 # Each version runs in a clone of the last commit, so that .venv does not change.
@@ -14,7 +14,7 @@ versions=("$@")
 work=$(mktemp -d -t ema_pythons_XXXXXX)
 trap 'rm -rf "$work"' EXIT
 
-# python_of VERSION: print an interpreter of a version, on the path or in pyenv, with headers and venv
+# python_of VERSION: print the path of a Python with headers and venv, from PATH or pyenv
 probe='
 import ensurepip, os, sysconfig, venv
 os.stat(os.path.join(sysconfig.get_path("include"), "Python.h"))
@@ -30,7 +30,7 @@ python_of() {
     done
 }
 
-# Hide the environment of an activated shell from the clones.
+# The clones must not see the environment of an activated shell.
 if [[ -n ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
     unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH VIRTUAL_ENV
     unset "${!ROS_@}" FASTRTPS_DEFAULT_PROFILES_FILE
