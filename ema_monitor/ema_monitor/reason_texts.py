@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import ema_monitor.reasons as of
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_core.column_errors import Reference
-from ema_core.column_wording import error_text, question
+from ema_core.columns.errors import Reference
+from ema_core.columns.wording import error_text, question
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
 from ema_core.wording import counted
 from ema_monitor.quantities import QUANTITIES

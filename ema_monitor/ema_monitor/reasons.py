@@ -9,10 +9,21 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum, StrEnum
-from typing import Any, ClassVar, Final, NamedTuple, Self, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    NamedTuple,
+    Self,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from ema_core.acquisition import Acquisition
-from ema_core.column_errors import ColumnError, Kind, Mistake, Reference
+from ema_core.columns.errors import ColumnError, Reference
+from ema_core.columns.mistakes import FactorKind, Kind, Mistake
 
 KINDS: Final[dict[str, type["Reason"]]] = {}
 """Classes of reasons by code."""
@@ -517,7 +528,7 @@ class DeadSensor(Reason, code="dead_sensor"):
 
 
 MistakeRow = tuple[str, float, str, str]
-"""Kind, factor, actual and stated unit of a common mistake; see ``ema_core.column_errors``."""
+"""Kind, factor, actual and stated unit of a common mistake; see ``ema_core.columns``."""
 
 
 def mistake_row(mistake: Mistake) -> MistakeRow:
@@ -528,7 +539,7 @@ def mistake_row(mistake: Mistake) -> MistakeRow:
 def mistake_of(row: MistakeRow) -> Mistake:
     """Return the mistake for the output of ``mistake_row``."""
     kind, factor, unit, stated = row
-    return Mistake(Kind(kind), factor, unit, stated)
+    return Mistake(cast("FactorKind", Kind(kind)), factor, unit, stated)
 
 
 @dataclass(frozen=True)

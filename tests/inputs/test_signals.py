@@ -11,7 +11,8 @@ from ema_bags.inputs.limits import limits_of
 from ema_bags.inputs.rate import find_rate
 from ema_bags.inputs.series import Series
 from ema_bags.inputs.wrapping import Unwrapper
-from ema_core.repetition import held_samples
+from ema_core.columns.errors import WrappedColumn
+from ema_core.columns.repetition import held_samples
 
 from .conftest import described
 from .joint_motion import joint, moves
@@ -91,7 +92,7 @@ def test_angle_is_unwrapped_across_the_limits_of_its_register(
     continued = np.concatenate(parts)
     np.testing.assert_allclose(continued - continued[0], angle - angle[0], atol=1e-9 * period)
     jumps = np.count_nonzero(np.abs(np.diff(register)) > 0.5 * period)
-    assert unwrapper.wraps == {"position": jumps}
+    assert unwrapper.wrapped == {"position": WrappedColumn("position", period, int(jumps))}
 
 
 def test_command_that_wraps_first_begins_in_the_turn_of_the_position(mapped):
@@ -107,7 +108,7 @@ def test_fast_turn_between_two_samples_is_not_mistaken_for_a_wrap(mapped):
     angle = np.cumsum(np.full(500, 0.9 * 2.0 * np.pi))
     unwrapper = Unwrapper(mapped(command=None))
     np.testing.assert_array_equal(unwrapper.push({"position": angle})["position"], angle)
-    assert unwrapper.wraps == {}
+    assert unwrapper.wrapped == {}
 
 
 def test_wraps_are_counted_by_the_import(mapped):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.column_wording import error_text
+from ema_core.columns.wording import error_text
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import GAIN, healthy_faults

@@ -5,14 +5,16 @@ A window reveals wrong parameters that `ema_core.consistency` cannot detect, bec
 each other. A window does not reveal parameters that its motion does not depend on.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.column_errors import NEAR_MODEL, ColumnError, Reference, UnrelatedColumn
-from ema_core.column_wording import error_text
+from ema_core.columns.errors import ColumnError, UnrelatedColumn
+from ema_core.columns.of_model import wrong_column_of_model
+from ema_core.columns.wording import error_text
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.healthy_model import healthy_response
 from ema_monitor.model.monitor_model import MonitorModel, Response
@@ -21,7 +23,6 @@ from ema_monitor.windows.window import Window
 
 _CHANGED: Final = 1.5
 _MATTERS: Final = 0.1
-_LOWEST_CORRELATION: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -108,9 +109,5 @@ def _difference(
     """Return the error of a column relative to its expected values, or None if they agree."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0
-    if abs(correlation) < _LOWEST_CORRELATION:
-        return UnrelatedColumn(name, correlation)
-    ratio = float(row @ model) / float(model @ model)
-    if abs(ratio - 1.0) < NEAR_MODEL:
-        return None
-    return ColumnError.of((name,), ratio, Reference.MODEL, tau)
+    ratio = float(row @ model) / float(model @ model) if size > 0.0 else math.nan
+    return wrong_column_of_model(name, ratio, correlation, tau)

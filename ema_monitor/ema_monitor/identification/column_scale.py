@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of telemetry columns that are wrong by a factor, such as a wrong unit or sign.
+"""Relations between the columns of a window that reveal a wrong factor, such as a unit or sign.
 
-Three relations reveal a wrong factor: the position follows its command, the speed is the derivative
-of the position, and the current accelerates the known inertia. No fault scales these relations.
+The position follows its command, the speed is the derivative of the position, and the current
+accelerates the known inertia. No fault scales these relations. `ema_core.columns.of_window` decides
+which column is wrong.
 """
 
 from collections.abc import Iterable
@@ -12,17 +13,14 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.causes import CauseEstimate
-from ema_core.column_errors import PEAK_FOR_RMS, RMS_FOR_PEAK, ColumnError, Reference
+from ema_core.columns.errors import ColumnError
+from ema_core.columns.of_window import WindowRelations, wrong_amplitude, wrong_column_of_window
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
 _SMOOTH_S: Final = 4e-3
 _KNEE: Final = 5.0
-_LEAST_FACTOR: Final = 1.25
-_LEAST_TRACKING: Final = 1.6
 _SURE: Final = 0.03
-_ROUGH: Final = 0.3
-_SAME: Final = 0.02
 _ALIKE: Final = 0.7
 
 
@@ -32,12 +30,8 @@ def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
     The error shows in the current gain among the hidden causes.
     """
     for cause in causes:
-        if cause.name != "current_gain":
-            continue
-        factor = 1.0 + cause.value
-        for mistake in (PEAK_FOR_RMS, RMS_FOR_PEAK):
-            if abs(factor / mistake.factor - 1.0) < _SAME:
-                return ColumnError(("current",), factor, Reference.DRIVE, (mistake,))
+        if cause.name == "current_gain" and (error := wrong_amplitude(1.0 + cause.value)):
+            return error
     return None
 
 
@@ -54,34 +48,16 @@ def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError |
         for column in (t.command, t.position, t.speed, t.current)
     )
     # Ratio of the measured speed to the derivative of the position.
-    speed_scale = _slope(np.gradient(position, h) / tau, speed)
+    speed_ratio = _slope(np.gradient(position, h) / tau, speed)
     tracking = _slope(command - command.mean(), position - position.mean())
-    if speed_scale is None or tracking is None:
+    if speed_ratio is None or tracking is None:
         return None
     inertia = (parameters.J_m + parameters.J_u) / parameters.k_t
-    apparent_inertia = _inertia_of(speed, current, position, h)
-    if _is_off(speed_scale, _LEAST_FACTOR):
-        follows = not _is_off(tracking, _LEAST_TRACKING)
-        if not follows:
-            return ColumnError.of(("position",), 1.0 / speed_scale, Reference.SPEED, tau)
-        # A wrong speed scales the apparent inertia by the inverse factor.
-        if (
-            apparent_inertia is not None
-            and abs(apparent_inertia / inertia * speed_scale - 1.0) < _ROUGH
-        ):
-            return ColumnError.of(("speed",), speed_scale, Reference.POSITION, tau)
-        return ColumnError.of(
-            ("position", "command"), 1.0 / speed_scale, Reference.SPEED, parameters.tau
-        )
-    if _is_off(tracking, _LEAST_TRACKING):
-        return ColumnError.of(("command",), 1.0 / tracking, Reference.POSITION, tau)
-    if apparent_inertia and _is_off(apparent_inertia / inertia, _LEAST_FACTOR):
-        return ColumnError.of(("current",), apparent_inertia / inertia, Reference.INERTIA, tau)
-    return None
-
-
-def _is_off(factor: float, least: float) -> bool:
-    return not 1.0 / least < factor < least
+    apparent = _inertia_of(speed, current, position, h)
+    relations = WindowRelations(
+        speed_ratio, tracking, None if apparent is None else apparent / inertia
+    )
+    return wrong_column_of_window(relations, tau)
 
 
 def _slope(x: Array, y: Array) -> float | None:

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from ema_core.columns.frozen import frozen_column
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.reasons import DeadSensor, Jam, JamOrOpenCircuit, OpenCircuit, Reason
 from ema_monitor.windows.window import Window
@@ -48,18 +49,17 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | Non
 
 
 def _dead_sensor(window: Window) -> DeadSensor | None:
-    """Return the column that is constant although other columns show motion, or None."""
+    """Return the column that is constant although other columns show motion, or None.
+
+    Several constant columns are the result of a stopped motor. The command is no evidence of
+    motion: if it moves alone, drive or shaft has failed.
+    """
     t = window.telemetry
     columns = {"current": t.current, "speed": t.speed, "position": t.position}
-    still = [name for name, column in columns.items() if len(column) and not np.ptp(column)]
-    if len(still) != 1:
-        return None
     # Few distinct values may come from a motor that hardly moves.
-    moves = [
-        name
-        for name, column in columns.items()
-        if name != "current" and len(np.unique(column)) > _MOVES
-    ]
-    if not moves:
+    moving = [name for name in ("speed", "position") if len(np.unique(columns[name])) > _MOVES]
+    errors = [frozen_column(name, values, moving) for name, values in columns.items()]
+    frozen = [error for error in errors if error]
+    if len(frozen) != 1:
         return None
-    return DeadSensor(still[0], float(columns[still[0]][0]), moves[0])
+    return DeadSensor(frozen[0].column, frozen[0].value, frozen[0].moving)

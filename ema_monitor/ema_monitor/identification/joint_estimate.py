@@ -10,11 +10,14 @@ from typing import Final
 import numpy as np
 
 from ema_core.causes import CauseEstimate
-from ema_core.column_errors import usual_mistake
+from ema_core.columns.of_records import (
+    has_other_updates,
+    wrong_effort_of_record,
+    wrong_speed_of_record,
+)
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
-from ema_core.repetition import samples_per_update
 from ema_core.telemetry import Telemetry
 from ema_monitor import quantities as of
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
@@ -32,7 +35,7 @@ from ema_monitor.joint.comparison import Comparison, QuantityChange, not_judged
 from ema_monitor.joint.curve import FrictionCurve, friction_curve
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, read_record, record_defect
-from ema_monitor.joint.renewal import renewed
+from ema_monitor.joint.renewal import renewed, samples_per_update
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, Signals, filtered, usual_speed
@@ -65,10 +68,6 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
-_OTHER_SPEED: Final = 5.0
-"""Speed ratio beyond which the unit of position or speed is probably wrong [-]."""
-_OTHER_UPDATES: Final = 1.15
-"""Ratio of samples per update beyond which roughness and scatter are not compared [-]."""
 _LEAST_ZERO: Final = 0.03
 """Smallest reported shift of the position zero [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
@@ -122,7 +121,7 @@ def identify_record(
         still = standstill.reason(calibration.effort_shown, angle_shown(description.parameters))
         has_failed = standstill.cause is StandstillCause.FAILURE
         return _refused(window, calibration, still, verdict=FAILED if has_failed else REFUSED)
-    per_update = samples_per_update(window.telemetry.position)
+    per_update = samples_per_update(window.telemetry)
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, tuple):
@@ -133,7 +132,7 @@ def identify_record(
     comparison = calibration.comparer.compare(record)
     healthy = calibration.baseline.preparation.samples_per_update
     # A different update rate changes the roughness and scatter of the position, but no quantity.
-    if comparison.figures and not comparison.changed and _differ(per_update, healthy):
+    if comparison.figures and not comparison.changed and has_other_updates(per_update, healthy):
         return _refused(window, calibration, OtherUpdates(per_update, healthy), compared=True)
     torque = comparison[of.TORQUE]
     if torque in comparison.changed and torque.change <= -1.0:
@@ -240,10 +239,6 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
     return None if np.all(np.isfinite(telemetry.speed)) else SpeedGaps()
 
 
-def _differ(per_update: float, healthy: float) -> bool:
-    return not 1.0 / _OTHER_UPDATES < per_update / healthy < _OTHER_UPDATES
-
-
 def _sample_caveats(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:
     """Yield reservations about the samples of a record."""
     if shift_s:
@@ -331,11 +326,9 @@ def _wrong_speed(
     """Return a wrong scale of position or speed due to a common mistake, or None."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
-    if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
-        return None
     column = "position" if fine.speed is None else "speed"
-    mistake = usual_mistake(column, factor, description.parameters.tau)
-    return SpeedScaled(column, factor, mistake_row(mistake)) if mistake else None
+    error = wrong_speed_of_record(column, factor, description.parameters.tau)
+    return SpeedScaled(column, factor, mistake_row(error.mistakes[0])) if error else None
 
 
 def _wrong_scale(
@@ -343,9 +336,9 @@ def _wrong_scale(
 ) -> Reason | None:
     """Return the reason why the effort of a record cannot belong to the unit, or None."""
     scale = effort_scale(record, baseline)
-    mistake = usual_mistake("current", scale.factor, description.parameters.tau)
-    if scale.is_scaled and (mistake or scale.negative is None):
-        return EffortScaled(scale.factor, mistake_row(mistake) if mistake else ())
+    error = wrong_effort_of_record(scale.friction, scale.inertia, description.parameters.tau)
+    if error and (error.mistakes or scale.negative is None):
+        return EffortScaled(error.factor, mistake_row(error.mistakes[0]) if error.mistakes else ())
     return None if scale.negative is None else NegativeQuantity(*scale.negative)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, Place
-from ema_core.column_errors import ColumnError
+from ema_core.columns.errors import ColumnError
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration

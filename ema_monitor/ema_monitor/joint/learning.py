@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_core.description import ActuatorDescription
-from ema_core.repetition import samples_per_update
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
 from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
 from ema_monitor.joint.record import FEWEST_ROWS, read_record, record_defect
-from ema_monitor.joint.renewal import renewed
+from ema_monitor.joint.renewal import renewed, samples_per_update
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import DRY, choose_shape
 from ema_monitor.joint.signals import (
@@ -97,7 +96,7 @@ def _learn(
     bands = [motion_band(record) for record in records]
     period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
-    per_update = float(np.median([samples_per_update(record.position) for record in records]))
+    per_update = float(np.median([samples_per_update(record) for record in records]))
     records = [despiked(renewed(record), cutoff).telemetry for record in records]
     blocks = [block_means(record, description, cutoff, is_empty=is_empty) for record in records]
     usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))

@@ -4,7 +4,7 @@
 from dataclasses import replace
 
 from ema_core.arrays import Array
-from ema_core.repetition import between_renewals, held_samples, irregular_updates
+from ema_core.columns.repetition import between_renewals, held_column
 from ema_core.telemetry import Telemetry
 
 
@@ -16,22 +16,22 @@ def renewed(telemetry: Telemetry) -> Telemetry:
     are interpolated as well if they repeat their values, so that all columns have the same delay.
     Without repetition, the telemetry is returned unchanged.
     """
-    if _longest_update(telemetry.position) < 2:
+    if _longest_update("position", telemetry.position) < 2:
         return telemetry
     columns = {
         name: between_renewals(values, longest)
         for name in ("position", "speed", "current")
-        if (longest := _longest_update(values := getattr(telemetry, name))) > 1
+        if (longest := _longest_update(name, values := getattr(telemetry, name))) > 1
     }
     return replace(telemetry, **columns)
 
 
-def _longest_update(values: Array) -> int:
-    """Return the number of samples per update of a column, ``(n,)``; 1 without repeated values.
+def samples_per_update(telemetry: Telemetry) -> float:
+    """Return the mean number of samples per update of the position during motion."""
+    held = held_column("position", telemetry.position)
+    return held.mean if held else 1.0
 
-    If the updates are irregular, the longest usual number is returned.
-    """
-    if (held := held_samples(values)) > 1:
-        return held
-    irregular = irregular_updates(values)
-    return irregular.longest if irregular else 1
+
+def _longest_update(column: str, values: Array) -> int:
+    held = held_column(column, values)
+    return held.longest if held else 1

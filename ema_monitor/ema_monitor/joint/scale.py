@@ -12,10 +12,6 @@ from ema_monitor.joint.shape import DRY
 from ema_monitor.joint.shape import INERTIA as INERTIA_AT
 from ema_monitor.quantities import FRICTION, INERTIA
 
-_WRONG_UNIT: Final = 5.0
-"""Ratio of friction and inertia to healthy above which the unit of the effort differs [-]."""
-_WRONG_UNIT_BY_FRICTION: Final = 20.0
-"""Ratio of friction to healthy above which the unit differs if the inertia is unknown [-]."""
 _CERTAIN: Final = 4.0
 """Number of standard deviations below 0 at which a coefficient counts as negative."""
 
@@ -24,10 +20,10 @@ _CERTAIN: Final = 4.0
 class EffortScale:
     """Scale and sign of the effort in a record, relative to the healthy records."""
 
-    factor: float
-    """Ratio of the friction to its healthy value; friction is more accurate than inertia [-]."""
-    is_scaled: bool
-    """Whether the effort of the record probably has a different unit."""
+    friction: float
+    """Ratio of the friction to its healthy value [-]."""
+    inertia: float | None
+    """Ratio of the inertia to its healthy value [-]; None if unknown."""
     negative: tuple[str, float] | None
     """Name and ratio [-] of a quantity that is significantly negative, or None."""
 
@@ -35,9 +31,8 @@ class EffortScale:
 def effort_scale(record: JointRecord, baseline: Baseline) -> EffortScale:
     """Return the scale and sign of the effort in a record.
 
-    Friction alone may grow several-fold. If the inertia grows as well, the effort has a different
-    unit or comes from a different sensor. Negative friction or inertia results from a wrong sign or
-    a delay of the effort.
+    Negative friction or inertia results from a wrong sign or a delay of the effort.
+    `ema_core.columns.of_records` decides whether the effort has a different unit.
     """
     has_inertia = baseline.shape.has_inertia
     compared = [DRY, INERTIA_AT] if has_inertia else [DRY]
@@ -46,10 +41,8 @@ def effort_scale(record: JointRecord, baseline: Baseline) -> EffortScale:
     sigmas = np.hypot(np.sqrt(np.diag(record.covariance)), baseline.motion_errors(record))
     errors = sigmas[compared]
     is_negative = ratios < -_CERTAIN * np.abs(errors / healthy)
-    highest = _WRONG_UNIT if has_inertia else _WRONG_UNIT_BY_FRICTION
-    is_scaled = np.all(ratios > highest) or np.all(ratios < 1.0 / _WRONG_UNIT)
     negative = None
     if np.any(is_negative):
         at = int(np.argmax(is_negative))
         negative = (FRICTION, INERTIA)[at], float(ratios[at])
-    return EffortScale(float(ratios[0]), bool(is_scaled), negative)
+    return EffortScale(float(ratios[0]), float(ratios[1]) if has_inertia else None, negative)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.repetition import between_renewals, held_samples, irregular_updates
+from ema_core.columns.repetition import between_renewals, held_samples, irregular_updates
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.identification.estimate import DEPARTED, REFUSED
 from ema_monitor.identification.joint_estimate import comparable_record, identify_record

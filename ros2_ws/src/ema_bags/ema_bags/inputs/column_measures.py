@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.repetition import held_samples
+from ema_core.columns.repetition import held_samples
 
 _Array = NDArray[np.float64]
 

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.commanded import find_commanded
-from ema_bags.inputs.held import find_held
+from ema_bags.inputs.held import held_columns
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.ordering import MOST_DISPLACED
 from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
-from ema_bags.inputs.wrong_columns import wrong_current, wrong_factors
+from ema_bags.inputs.wrong_columns import current_defects, wrong_factors
+from ema_core.columns.frozen import frozen_column
 from ema_core.description import ActuatorDescription
-from ema_core.repetition import irregular_updates
 from ema_core.telemetry import PAUSE_S
 from ema_core.wording import counted
 
@@ -70,7 +70,7 @@ def find_defects(
             defects += wrong_factors(motion, mapping, description)
         defects += find_commanded(columns, description.parameters.tau)
     if not any(item.is_error for item in defects):
-        defects += wrong_current(motion, mapping, description)
+        defects += current_defects(motion, mapping, description)
     if mapping.position.shaft == "motor":
         text = "the position is measured at the motor, upstream of the backlash"
         remedy = "backlash is not visible in it; use an encoder at the user shaft"
@@ -218,25 +218,26 @@ def _held(
 
     The model of a known drive would interpret the resulting steps as faults.
     """
-    samples_per_update = find_held(columns)
-    irregular = None if "position" in samples_per_update else irregular_updates(columns["position"])
-    if irregular is not None and not is_unknown and irregular.mean < _FEW_REPEATS:
-        irregular = None  # a table with repeated values, already reduced to its update rate
-    if not samples_per_update and irregular is None:
+    # A table with repeated values is already reduced to its update rate.
+    held = [
+        item
+        for item in held_columns(columns)
+        if item.is_regular or is_unknown or item.mean >= _FEW_REPEATS
+    ]
+    if not held:
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
     parts = [
-        f"the {name} repeats each value {count} times (updated at {rate_hz / count:.4g} Hz)"
-        for name, count in samples_per_update.items()
+        f"the {item.column} repeats each value {item.longest} times (updated at "
+        f"{rate_hz / item.longest:.4g} Hz)"
+        if item.is_regular
+        else f"the {item.column} is updated every {item.mean:.1f} samples on average, irregularly"
+        for item in held
     ]
-    if irregular is not None:
-        parts.append(
-            f"the position is updated every {irregular.mean:.1f} samples on average, irregularly"
-        )
     remedy = "configure the driver to publish each value once, all at the same rate"
     if is_unknown:
         remedy = "it is used unchanged; configure the driver to publish each value once"
-        if "position" in samples_per_update or irregular is not None:
+        if any(item.column == "position" for item in held):
             remedy = "records interpolate it between updates; configure the driver to publish each "
             remedy += "value once"
     yield InputDefect(
@@ -331,17 +332,13 @@ def _frozen(
     moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
     moves["command"] &= len(columns["command"]) > 0
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
+    moving = [name for name, is_moving in moves.items() if is_moving]
     for name in ("command", "position", "speed", "current"):
-        values = columns[name]
-        moving = [column for column, is_moving in moves.items() if is_moving and column != name]
-        # A blocked shaft shows neither position change nor speed: that is not a data defect.
-        if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
+        error = frozen_column(name, columns[name], moving)
+        if error is None:
             continue
-        finite = values[np.isfinite(values)]
-        if not moving or not len(finite) or np.ptp(finite) > 0.0:
-            continue
-        text = f"in all {counted(len(finite), 'sample')} while {moving[0]} changes"
-        if name == "current" and finite[0] == 0.0:
+        text = f"in all {counted(error.samples, 'sample')} while {error.moving} changes"
+        if name == "current" and error.value == 0.0:
             text = f"current is 0 {text}: the drive does not publish it"
             remedy = "current: {sampling: none, ...}, or omit current"
             yield InputDefect("current_zero", text, remedy, is_certain=is_certain)
@@ -349,5 +346,5 @@ def _frozen(
             remedy = f"{name}: choose another source"
             if name in ("current", "speed") or (name == "command" and is_unknown):
                 remedy += f", or omit {name}"
-            text = f"{name} is {finite[0]:g} {text}"
-            yield InputDefect(f"{name}_frozen", text, remedy, is_certain=is_certain)
+            text = f"{name} is {error.value:g} {text}"
+            yield InputDefect(f"{name}_{error.kind.value}", text, remedy, is_certain=is_certain)

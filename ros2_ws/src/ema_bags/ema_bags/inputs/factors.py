@@ -5,6 +5,9 @@ With the right factors, the position follows the command, its derivative equals 
 gear ratio, and no motion exceeds the actuator's limits. Among the factors that satisfy this, those
 with the fewest changes to the mapping are chosen.
 
+The search is here and not in `ema_core.columns`, because it tries the entries of a mapping. It
+works for any motion, finds several wrong entries in one run, and names the entry to change.
+
 An unknown drive may have an elastic gear, a lagging sensor, or few samples per stroke. Its
 relations are therefore accepted within a factor of 2. Beyond that, a factor counts as a mistake
 only if it is close to the factor of a common mistake.
@@ -19,21 +22,25 @@ import numpy as np
 
 from ema_bags.inputs.mapping import SHAFTS, AngleSource, ColumnMapping, SpeedSource
 from ema_bags.inputs.motion import ThinnedMotion
-from ema_core.column_errors import Kind, Mistake, mistaken_unit
+from ema_core.columns.mistakes import Kind, Mistake, mistaken_unit
+from ema_core.columns.tolerances import (
+    MAPPED_SPEED,
+    MAPPED_TRACKING,
+    NEAR_MISTAKE,
+    NEAR_MISTAKES,
+    OVER_STOP,
+    OVER_TOP_SPEED,
+    PLAUSIBLE,
+    is_beyond,
+    is_within,
+)
 from ema_core.description import ActuatorDescription
 from ema_core.units import ANGLES, SPEEDS
 
-_GAIN_WITHIN: Final = 0.35
-_RATIO_WITHIN: Final = 0.03
 _MOST_CHANGES: Final = 3
 _NEAR_RATIO: Final = (0.3, 3.0)
 _WEIGHT_OF_RATIO: Final = 1.6
-_PLAUSIBLE: Final = 2.0
 _MOST_OF_ONE: Final = 2
-_NEAR_UNIT: Final = 1.2
-_NEAR_UNITS: Final = 1.05
-_OVER_STOP: Final = 1.05
-_OVER_SPEED: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -113,19 +120,19 @@ def explain(
                 for value, name in relations
                 if value is not None and name in factors
             )
-        if reach * abs(position) > _OVER_STOP * p.theta_stop:
+        if reach * abs(position) > OVER_STOP * p.theta_stop:
             return False
         if (
             "command" in factors
             and gain is not None
-            and abs(gain * position / factors["command"] - 1.0) > _GAIN_WITHIN
+            and not is_within(gain * position / factors["command"], MAPPED_TRACKING)
         ):
             return False
         if ratio is None:
             return True
         speed = factors["speed"]
-        is_slow = fastest * abs(speed) <= _OVER_SPEED * p.top_speed
-        return abs(ratio * position / speed - 1.0) <= _RATIO_WITHIN and is_slow
+        is_slow = fastest * abs(speed) <= OVER_TOP_SPEED * p.top_speed
+        return is_within(ratio * position / speed, MAPPED_SPEED) and is_slow
 
     unchanged = dict.fromkeys(sources, 1.0)
     if agrees(unchanged):
@@ -167,15 +174,11 @@ def _scales_both(chosen: dict[str, _Option]) -> bool:
 
 def _is_explained(value: float, change: float, changes: int) -> bool:
     """Return whether the ratio of two columns is plausible after changing their factors."""
-    remaining = value * change
-    if remaining <= 0.0:
-        return False
     if abs(abs(change) - 1.0) < 1e-9:
-        within = _PLAUSIBLE
+        factor = PLAUSIBLE
     else:
-        # Products of two changes match more factors by chance, so be stricter.
-        within = _NEAR_UNIT if changes == 1 else _NEAR_UNITS
-    return 1.0 / within < remaining < within
+        factor = NEAR_MISTAKE if changes == 1 else NEAR_MISTAKES
+    return not is_beyond(value * change, factor)
 
 
 def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]:

@@ -21,12 +21,11 @@ from ema_bags.inputs.mapping import (
     TemperatureSource,
 )
 from ema_bags.inputs.motion import ThinnedMotion
+from ema_core.columns.tolerances import CORRELATED, CURRENT_SIZE, is_beyond
 from ema_core.description import ActuatorDescription
 from ema_core.units import LINEAR, TORQUES
 
 _LEAD: Final = 0.005
-_CORRELATED: Final = 0.4
-_PLAUSIBLE_SIZE: Final = 30.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +177,7 @@ def _refined(
     def note(kind: DoubtKind, value: float = 0.0) -> None:
         doubts.append(Doubt(kind, "current", current.source, value=value))
 
-    if relation is None or abs(relation[1]) < _CORRELATED:
+    if relation is None or abs(relation[1]) < CORRELATED:
         note(DoubtKind.SIGN_UNCHECKED)
         return current
     size, correlation = relation
@@ -189,7 +188,7 @@ def _refined(
     if current.kind == "motor_torque" and abs(np.log(size * tau)) < abs(np.log(size)):
         current = replace(current, kind="joint_torque")
         note(DoubtKind.JOINT_TORQUE)
-    elif current.kind == "equivalent" and not 1.0 / _PLAUSIBLE_SIZE < size < _PLAUSIBLE_SIZE:
+    elif current.kind == "equivalent" and is_beyond(size, CURRENT_SIZE):
         note(DoubtKind.EFFORT_SIZE, size)
     note(DoubtKind.SAMPLING_UNKNOWN)
     return current

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of sensor columns that are updated more slowly than they are published."""
+"""Sensor columns that are updated more slowly than they are published."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.repetition import held_samples
+from ema_core.columns.errors import HeldColumn
+from ema_core.columns.repetition import held_column, held_samples
 
 SENSORS: Final = ("position", "speed", "current")
 
@@ -20,6 +21,21 @@ def find_held(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, int]:
     present = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
     by_column = {name: held_samples(values) for name, values in present.items()}
     return {name: samples for name, samples in by_column.items() if samples > 1}
+
+
+def held_columns(columns: Mapping[str, NDArray[np.float64]]) -> Iterator[HeldColumn]:
+    """Yield the sensor columns that repeat their values, with irregular ones last.
+
+    Only a position shows irregular updates. Speed and current may stay constant during motion.
+    """
+    irregular: list[HeldColumn] = []
+    for name in SENSORS:
+        held = held_column(name, columns[name]) if len(columns.get(name, ())) else None
+        if held is not None and held.is_regular:
+            yield held
+        elif held is not None and name == "position":
+            irregular.append(held)
+    yield from irregular
 
 
 def renewed_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:

@@ -119,7 +119,7 @@ class SampleStream:
         stamps_ns, raw = self._impossible.push(stamps_ns, raw, is_last=is_last)
         raw = self._unwrapper.push(raw)
         self.losses.impossible = self._impossible.count
-        self.losses.wraps = sum(self._unwrapper.wraps.values())
+        self.losses.wraps = sum(item.count for item in self._unwrapper.wrapped.values())
         steps = np.diff(stamps_ns)
         breaks = 1 + np.flatnonzero((steps < 0) | (steps > PAUSE_S * 1e9))
         columns = convert(raw, self._mapping, self.description, breaks.tolist())

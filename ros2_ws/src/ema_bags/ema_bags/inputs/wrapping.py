@@ -10,17 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.mapping import AngleSource, ColumnMapping
+from ema_core.columns.errors import WrappedColumn
+from ema_core.columns.wraps import AROUND, is_turn_apart, register_periods, wraps_in
 from ema_core.units import LINEAR, UNITS
 
 _ANGLES: Final = ("position", "command", "error")
-_BITS: Final = (8, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 24, 32)
-_LEAST_STEP: Final = 0.6
-_MOST_STEP: Final = 1.4
-_SLOW: Final = 0.2
-_NEAR: Final = 0.02
-_ALIKE: Final = 4.0
-_AROUND: Final = 8
-_FULL: Final = 0.9
 
 
 @dataclass
@@ -49,20 +43,16 @@ class _Angle:
 class Unwrapper:
     """Unwraps angles block by block.
 
-    A step of about one full turn is a wrap if the neighbouring steps are short and the step minus
-    the turn is similar to them. An integer register wraps at a power of two.
+    An angle wraps after a full turn, an integer register at a power of two.
 
     Attributes
     ----------
-    wraps
-        Number of wraps so far, by quantity.
-    periods
-        Size of a wrap, by quantity, in source units.
+    wrapped
+        Angles that have wrapped so far, by quantity.
     """
 
     def __init__(self, mapping: ColumnMapping) -> None:
-        self.wraps: dict[str, int] = {}
-        self.periods: dict[str, float] = {}
+        self.wrapped: dict[str, WrappedColumn] = {}
         self._angles: dict[str, _Angle] = {}
         for name in _ANGLES:
             source: AngleSource | None = getattr(mapping, name)
@@ -88,7 +78,7 @@ class Unwrapper:
             return
         first = int(np.argmax(is_finite))
         ahead = float(raw["command"][first] - raw["position"][first])
-        if abs(ahead) < command.turn and abs(ahead) > (1.0 - _SLOW) * command.turn:
+        if is_turn_apart(ahead, command.turn):
             command.offset = -math.copysign(command.turn, ahead)
 
     def _continued(
@@ -105,14 +95,15 @@ class Unwrapper:
         steps = np.diff(readings, prepend=first)
         turns = np.zeros(len(readings))
         for period in self._periods(angle):
-            wraps = _wraps(steps, period, angle.steps)
+            wraps = wraps_in(steps, period, angle.steps)
             if np.any(wraps):
                 turns[wraps] = -np.sign(steps[wraps]) * period
-                self.wraps[name] = self.wraps.get(name, 0) + int(np.count_nonzero(wraps))
-                self.periods[name] = period
+                before = self.wrapped[name].count if name in self.wrapped else 0
+                count = before + int(np.count_nonzero(wraps))
+                self.wrapped[name] = WrappedColumn(name, period, count)
                 break
         offsets = angle.offset + np.cumsum(turns)
-        angle.steps = np.concatenate([angle.steps, (steps + turns)])[-_AROUND:]
+        angle.steps = np.concatenate([angle.steps, (steps + turns)])[-AROUND:]
         angle.last, angle.offset = float(readings[-1]), float(offsets[-1])
         if not np.any(offsets):
             return values
@@ -124,30 +115,5 @@ class Unwrapper:
         """Return the possible wrap periods: one turn, or the register's number of counts."""
         periods = [angle.turn] if math.isfinite(angle.turn) else []
         if angle.is_whole and angle.lowest >= 0.0:
-            counts = (2.0**bits for bits in _BITS)
-            periods += [n for n in counts if _FULL * n < angle.highest < n]
+            periods += register_periods(angle.highest)
         return periods
-
-
-def _wraps(
-    steps: NDArray[np.float64], period: float, before: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Return a mask of the steps that are wraps, ``(n,)``."""
-    sizes = np.abs(steps)
-    wraps = (sizes > _LEAST_STEP * period) & (sizes < _MOST_STEP * period)
-    if not np.any(wraps):
-        return wraps
-    all_sizes = np.concatenate([np.abs(before), sizes])
-    are_usual = np.concatenate([np.ones(len(before), bool), ~wraps])
-    for row in np.flatnonzero(wraps):
-        at = row + len(before)
-        around = slice(max(0, at - _AROUND), at + _AROUND + 1)
-        usual = all_sizes[around][are_usual[around]]
-        longest = float(np.max(usual, initial=0.0))
-        remainder = abs(sizes[row] - period)
-        wraps[row] = (
-            len(usual) > 0
-            and longest < _SLOW * period
-            and remainder < _ALIKE * longest + _NEAR * period
-        )
-    return wraps

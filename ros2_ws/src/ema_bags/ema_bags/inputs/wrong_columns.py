@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of wrong units, signs, shafts and scales in a mapping."""
+"""Wording of wrong units, signs, shafts and scales in a mapping.
+
+`ema_core.columns` and `ema_bags.inputs.factors` decide which column is wrong. Remarks on columns of
+an unknown drive are here: they prevent no estimate.
+"""
 
 import math
 from collections.abc import Iterator
@@ -8,19 +12,23 @@ from typing import Final
 from ema_bags.inputs.change_wording import change_reason, change_remedy
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.input_defect import InputDefect
-from ema_bags.inputs.mapping import ColumnMapping
+from ema_bags.inputs.mapping import ColumnMapping, CurrentSource
 from ema_bags.inputs.motion import ThinnedMotion
-from ema_core.column_errors import Kind, usual_mistakes
+from ema_core.columns.errors import ColumnError
+from ema_core.columns.mistakes import Kind
+from ema_core.columns.of_current import reversed_current, wrong_current
+from ema_core.columns.tolerances import (
+    MAPPED_SPEED,
+    NOTED_TRACKING,
+    PLAUSIBLE,
+    WRONG_TRACKING,
+    is_beyond,
+    is_within,
+)
 from ema_core.description import ActuatorDescription
 from ema_core.units import CURRENTS
 from ema_core.wording import counted
 
-_RATIO_WITHIN: Final = 0.03
-_CURRENT_SIZE: Final = 8.0
-_OPPOSED: Final = 0.4
-_GAINS_ENERGY: Final = 0.1
-_MUCH: Final = 2.0
-_GAIN: Final = 1.35
 _NAMES: Final = {
     Kind.SIGN: "sign_reversed",
     Kind.UNIT: "unit",
@@ -49,7 +57,7 @@ def wrong_factors(
     if changes is not None:
         return
     tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
-    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+    if ratio is not None and not is_within(ratio, MAPPED_SPEED):
         yield InputDefect(
             "gear_ratio",
             f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, but the "
@@ -57,7 +65,7 @@ def wrong_factors(
             "check that position and speed belong to the same joint, and check unit and shaft of "
             "both. If they are right and tau matches the data sheet: accept: [gear_ratio]",
         )
-    if gain is not None and not 0.5 < gain < 2.0:
+    if gain is not None and is_beyond(gain, WRONG_TRACKING):
         yield InputDefect(
             "command_position",
             f"the position moves {gain:.3g} times as far as the command",
@@ -72,8 +80,8 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
         return
     strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
     over = f"over {counted(strokes, 'stroke')}"
-    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
-        is_near = 1.0 / _MUCH < ratio < _MUCH
+    if ratio is not None and not is_within(ratio, MAPPED_SPEED):
+        is_near = not is_beyond(ratio, PLAUSIBLE)
         why = "elasticity, lag or sampling" if is_near else "no unit, sign or shaft explains it"
         remedy = (
             "the speed is used unchanged"
@@ -82,7 +90,7 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
         )
         text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
         yield InputDefect("speed_ratio", text, remedy, False, needs_action=not is_near)
-    if gain is not None and not 1.0 / _GAIN < gain < _GAIN:
+    if gain is not None and is_beyond(gain, NOTED_TRACKING):
         text = f"the position moves {gain:.3g} times as far as the command {over}"
         remedy = (
             "possible causes: lag, elasticity, or the command of another joint; it is used "
@@ -91,54 +99,57 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
         yield InputDefect("command_position", text, remedy, False)
 
 
-def wrong_current(
+def current_defects(
     motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield a defect if the sign or size of the current contradicts acceleration and friction."""
     source = mapping.measured_current
+    if source is None:
+        return
     if not description.is_modelled:
-        correlation = motion.dissipation
-        is_opposed = correlation is not None and correlation < -_OPPOSED
-        # After a step command, a correct effort may brake; only a wrong sign gains net energy.
-        if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
+        correlation, work_share = motion.dissipation, motion.work_share
+        if reversed_current(correlation, work_share):
             yield InputDefect(
                 "current_sign_reversed",
                 "the current opposes the motion, where friction requires it to drive "
-                f"(correlation with the speed {correlation:.2f}, net work {motion.work_share:.0%} "
+                f"(correlation with the speed {correlation:.2f}, net work {work_share:.0%} "
                 "of all work)",
                 f"current: {{sign: {-source.sign}}}",
                 is_certain=motion.is_ample,
             )
         return
     relation = motion.current_against_torque(description.parameters)
-    if source is None or relation is None:
+    if relation is None:
         return
-    slope, correlation = relation
-    if correlation < -_OPPOSED:
-        yield InputDefect(
+    size, correlation = relation
+    error = wrong_current(size, correlation, description.parameters.tau)
+    if error is not None:
+        yield _of_current(error, source, correlation)
+
+
+def _of_current(error: ColumnError, source: CurrentSource, correlation: float) -> InputDefect:
+    """Return the defect of a current that contradicts the described inertia and friction."""
+    text = (
+        f"the current is {error.factor:.3g} times what the described inertia and friction require"
+    )
+    if not error.mistakes:
+        remedy = (
+            "check current.kind (current or torque, motor or joint), and J_m, J_u and friction "
+            "in the description"
+        )
+        return InputDefect("current_size", text, remedy)
+    [mistake] = error.mistakes
+    if mistake.kind is Kind.SIGN:
+        return InputDefect(
             "current_sign_reversed",
             "the current is negative while acceleration and friction require a positive current "
             f"(correlation {correlation:.2f})",
             f"current: {{sign: {-source.sign}}}",
         )
-        return
-    if correlation < _OPPOSED:
-        return
-    text = f"the current is {slope:.3g} times what the described inertia and friction require"
-    for mistake in usual_mistakes("current", description.parameters.tau):
-        factor = mistake.factor
-        if mistake.kind is Kind.SCALE and 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
-            meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
-            is_unit = meant in (*CURRENTS, "N.m", "mN.m") and meant != source.unit
-            remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
-            yield InputDefect("current_unit", text, f"current: {{{remedy}}}")
-            return
-    if not 1.0 / 30.0 < slope < 30.0:
-        remedy = (
-            "check current.kind (current or torque, motor or joint), and J_m, J_u and friction "
-            "in the description"
-        )
-        yield InputDefect("current_size", text, remedy)
+    meant = f"m{source.unit}" if mistake.factor > 1.0 else source.unit.removeprefix("m")
+    is_unit = meant in (*CURRENTS, "N.m", "mN.m") and meant != source.unit
+    remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / mistake.factor:g}"
+    return InputDefect("current_unit", text, f"current: {{{remedy}}}")
 
 
 def _as_ratio(tau: float) -> str:

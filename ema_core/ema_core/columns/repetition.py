@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_core.columns.errors import HeldColumn
 
 _LEAST_CHANGES: Final = 20
 _EARLY: Final = 10.0
@@ -79,12 +80,14 @@ def irregular_updates(values: Array) -> IrregularUpdates | None:
     return IrregularUpdates(float(np.mean(moving)), int(np.ceil(np.percentile(moving, _LONGEST))))
 
 
-def samples_per_update(values: Array) -> float:
-    """Return the mean number of samples per update of a column, ``(n,)``, during motion."""
+def held_column(column: str, values: Array) -> HeldColumn | None:
+    """Return the error of a column, ``(n,)``, that repeats its values, or None if it does not."""
     if (held := held_samples(values)) > 1:
-        return float(held)
+        return HeldColumn(column, float(held), held, is_regular=True)
     irregular = irregular_updates(values)
-    return irregular.mean if irregular else 1.0
+    if irregular is None:
+        return None
+    return HeldColumn(column, irregular.mean, irregular.longest, is_regular=False)
 
 
 def between_renewals(values: Array, held: int) -> Array:
@@ -95,8 +98,7 @@ def between_renewals(values: Array, held: int) -> Array:
     values
         The column, without NaN.
     held
-        Number of samples per update: the result of `held_samples`, or ``longest`` of
-        `irregular_updates`.
+        Number of samples per update, ``longest`` of `held_column`.
     """
     renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     # After a rest, the last update is `held` samples before the value changes.

@@ -3,7 +3,8 @@
 
 from typing import Final
 
-from ema_core.column_errors import ColumnError, Kind, Mistake, Reference, UnrelatedColumn
+from ema_core.columns.errors import ColumnError, Reference, UnrelatedColumn
+from ema_core.columns.mistakes import Kind, Mistake
 
 _UNITS: Final = {
     "rad": "in radians",

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Detection of columns that are constant although other columns show motion."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_core.columns.errors import FrozenColumn
+
+_COUNTERPARTS: Final = {"position": "speed", "speed": "position"}
+
+
+def frozen_column(column: str, values: Array, moving: Iterable[str]) -> FrozenColumn | None:
+    """Return the error of a column, ``(n,)``, that is constant during motion, or None.
+
+    A blocked shaft shows neither a change of position nor a speed. Only the speed therefore shows
+    that a position is frozen, and vice versa.
+
+    Parameters
+    ----------
+    moving
+        Names of the columns that show motion; the error states the first other column.
+    """
+    others = [name for name in moving if name != column]
+    if not others or _COUNTERPARTS.get(column, others[0]) not in others:
+        return None
+    finite = values[np.isfinite(values)]
+    if not len(finite) or np.ptp(finite) > 0.0:
+        return None
+    return FrozenColumn(column, float(finite[0]), others[0], len(finite))
