@@ -23,10 +23,10 @@ def frozen_column(column: str, values: Array, moving: Iterable[str]) -> FrozenCo
     moving
         Names of the columns that show motion; the error states the first other column.
     """
-    others = [name for name in moving if name != column]
-    if not others or _COUNTERPARTS.get(column, others[0]) not in others:
+    evidence = [name for name in moving if name != column]
+    if not evidence or _COUNTERPARTS.get(column, evidence[0]) not in evidence:
         return None
     finite = values[np.isfinite(values)]
     if not len(finite) or np.ptp(finite) > 0.0:
         return None
-    return FrozenColumn(column, float(finite[0]), others[0], len(finite))
+    return FrozenColumn(column, float(finite[0]), evidence[0], len(finite))
