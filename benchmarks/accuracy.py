@@ -126,7 +126,10 @@ def _off_nominal(pool: Workers, faulty: list[Case], count: int) -> Trial:
 
 
 def _covariance(trial: Trial) -> Figures:
-    """Return the coverage and the width of the intervals, by component."""
+    """Return the numbers of intervals and of unobservable components, and the coverage.
+
+    Coverage and half-width are also given by component.
+    """
     has_interval, coverage = trial.known, trial.coverage_by_component()
     half, wide = trial.coverage_by_component(0.5), trial.quantiles[4] - trial.quantiles[0]
     return {
@@ -145,7 +148,10 @@ def _covariance(trial: Trial) -> Figures:
 
 
 def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figures:
-    """Return the false alarms, and the smallest detected size of each fault [% of the range]."""
+    """Return the alarms on healthy windows, and the smallest detected size of each fault.
+
+    Sizes are in percent of the range; inf if no size of ``STEPS_PERCENT`` is detected.
+    """
     [trial] = trials(pool, "healthy windows, alarms", cases.healthy(windows), [noisy])
     levels = Counter(
         assess(estimate, HealthLimits()).level if estimate.valid else "not valid"
@@ -171,7 +177,10 @@ def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figur
 
 
 def _deviations(trial: Trial) -> np.ndarray:
-    """Return the distance of each fault from healthy in standard deviations, ``(n, 8)``."""
+    """Return the distance of each fault from healthy in standard deviations, ``(n, 8)``.
+
+    It is 0 for unobservable components and for the direction of eccentricity.
+    """
     away = np.nan_to_num(np.abs(trial.faults - healthy_faults()) / trial.sigma)
     away[:, ECCENTRICITY_PHASE] = 0.0
     return away
@@ -236,7 +245,7 @@ def published_percent() -> dict[str, dict[str, float]]:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     yield from _thesis_rows(figures["thesis_cases"])
     errors = figures["errors"]
     for name, what, limits in (
@@ -335,7 +344,7 @@ def _detection_rows(entry: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     covariance = figures["covariance"]
     judged = covariance["intervals"] + covariance["unobservable"]
     yield (

@@ -66,7 +66,7 @@ Policy = Callable[[Course], float]
 
 
 def follow(scored: ScoredLife) -> Course:
-    """Return the predictions of the tracker after each test of a life."""
+    """Return the predictions of the tracker after each test with a known remaining life."""
     life = scored.life()
     tracker, settings = Tracker(), TrackerSettings()
     hours, lives, missing = [], [], []
@@ -110,7 +110,8 @@ def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
     """Return the policy that removes a unit when a quantile of its remaining life is near.
 
     It decides to remove at the first test whose quantile, less ``margin`` [h], is below the time
-    until the next test plus the lead time.
+    until the next test plus the lead time. It removes the unit after that reduced quantile, or
+    after the lead time if that is longer.
     """
 
     def policy(course: Course) -> float:
@@ -124,7 +125,12 @@ def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
 
 
 def replacement(costs: Costs, rate: float) -> Policy:
-    """Return the policy of age replacement at a cost rate [1/h] that expects no further test."""
+    """Return the policy of age replacement at a cost rate [1/h].
+
+    After each test it chooses the time of removal with the least expected cost, less ``rate`` for
+    each hour of use, as if no test followed. It removes the unit at that time if it is before the
+    next test plus the lead time.
+    """
 
     def policy(course: Course) -> float:
         for hours, row in zip(course.hours, course.lives, strict=True):
@@ -203,7 +209,7 @@ def measure(pool: Workers, lives: int, reference: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for comparison in figures["cases"]:
         case = f"failure {comparison['failure']:g} removals, lead {comparison['lead_hours']:g} h"
         rate = comparison["advice"]["cost_rate"]
@@ -217,7 +223,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     headings = ("failure", "lead [h]", "advice", "(failed)", "oracle", "(failed)", "its policy")
     yield grid(
         f"cost per 1,000 flight hours over {figures['lives']} lives, in removals",

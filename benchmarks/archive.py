@@ -48,7 +48,10 @@ _TIMED_BAGS: Final = 30
 
 
 def of_size(place: Path, tests: int, units: int) -> Figures:
-    """Return time and memory to write the estimates of drawn tests to an archive."""
+    """Return time and memory to write the estimates of drawn tests to an archive.
+
+    Also return the times of a query and of a second run without changes, and the size of the file.
+    """
     make_stubs(place / "bags", units, tests)
     began_s, used_s = time.perf_counter(), time.process_time()
     with Manifest(place / "archive", is_new=True) as manifest, Tasks("processes", 2) as pool:
@@ -75,7 +78,10 @@ def of_size(place: Path, tests: int, units: int) -> Figures:
 
 
 def of_unit(place: Path, tests: int) -> Figures:
-    """Return the processor time to follow all tests of a unit, and one test added later [s]."""
+    """Return the processor time to follow all tests of a unit, and one test added later [s].
+
+    The numbers of tests followed are returned, too.
+    """
     make_stubs(place / "bags", 1, tests + 1)
     last = max((place / "bags").rglob("*.mcap"))
     last.rename(place / last.name)
@@ -247,7 +253,7 @@ def measure(
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     if "sizes" in figures:
         first, last = figures["sizes"][0], figures["sizes"][-1]
         each_ms = [1e3 * entry["own_cpu_s"] / entry["tests"] for entry in (first, last)]

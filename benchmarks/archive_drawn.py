@@ -21,7 +21,7 @@ _NS_PER_HOUR: Final = 3_600_000_000_000
 
 
 def make_stubs(folder: Path, units: int, tests: int) -> None:
-    """Write one small file per test, in one folder per unit."""
+    """Write one small file per test, in one folder per unit; ``tests`` counts all units."""
     for unit in range(units):
         place = folder / f"unit_{unit:04d}"
         place.mkdir(parents=True)
@@ -31,7 +31,7 @@ def make_stubs(folder: Path, units: int, tests: int) -> None:
 
 
 def draw(task: BagTask) -> BagResult:
-    """Return a random estimate for a file of ``make_stubs``, instead of identifying one."""
+    """Return the result of a task with a random estimate, for a file of ``make_stubs``."""
     path = Path(task.url)
     test = json.loads(path.read_text(encoding="utf-8"))
     unit, number = test["unit"], test["number"]

@@ -101,7 +101,15 @@ class Case:
         return actuator.advance(np.concatenate([stir, _CYCLE.samples[below:_END]]))
 
     def window(self, telemetry: Telemetry, *, noisy: bool) -> Window:
-        """Return the window in this case's telemetry; RuntimeError if it has none."""
+        """Return the window in the ideal ``telemetry`` of this case.
+
+        ``noisy`` applies noise and resolutions of the sensors first.
+
+        Raises
+        ------
+        RuntimeError
+            If the trigger refuses the window.
+        """
         if noisy:
             rng = np.random.default_rng([*self.seed, 1])
             telemetry = Sensors(CURRENT_NOISE, RESOLUTIONS, rng).measure(telemetry)
@@ -159,7 +167,7 @@ def healthy(count: int, purpose: Literal["healthy", "calibration"] = "healthy") 
 
 
 def step(fault: int, size: float, count: int) -> list[Case]:
-    """Return cases with a single small fault.
+    """Return cases with a single fault of ``size``, a share of the range [-].
 
     A change of gain has either sign; eccentricity has any direction.
     """

@@ -52,7 +52,7 @@ def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, floa
 @click.option("--turns", default=3, show_default=True)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def main(commit: str, script: str, turns: int, arguments: tuple[str, ...]) -> None:
-    """Print the figures of both trees."""
+    """Print the median of each figure that both trees have, and the median ratio."""
     with tempfile.TemporaryDirectory() as folder:
         checkout = Path(folder, "other")
         worktree = ["git", "-C", str(ROOT), "worktree"]

@@ -87,7 +87,7 @@ def be_client(kind: str, url: str) -> None:
 
 
 def measure(pool: Workers, rounds: int, tests: int) -> Figures:
-    """Measure the delay of health with each kind of client."""
+    """Measure the delay of health without a client and with each kind of client."""
     delays_s: list[float] = []
 
     def note(message: Health) -> None:
@@ -134,7 +134,7 @@ def measure(pool: Workers, rounds: int, tests: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     medians_ms = {kind: 1e3 * np.median(values) for kind, values in figures["delays_s"].items()}
     for kind in CLIENTS:
         beyond_ms = medians_ms[kind] - medians_ms[NO_CLIENT]
@@ -142,7 +142,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     yield grid(
         f"from window to health, of {len(figures['delays_s'][NO_CLIENT])} each",
         ("a client that", "median [ms]", "95 % [ms]", "dashboard [cores]"),

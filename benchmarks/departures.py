@@ -46,7 +46,10 @@ def telemetry_of(task: Task) -> Telemetry | None:
 
 
 def test_of(task: Task) -> list[WindowFigures]:
-    """Return the figures of a task's window; empty without a stroke in each direction."""
+    """Return the figures of a task's window.
+
+    The list is empty without a window, or if the window lacks a stroke in each direction.
+    """
     telemetry = telemetry_of(task)
     return [] if telemetry is None else figures_of(telemetry)
 
@@ -58,7 +61,10 @@ def baseline_of(unit: Unit) -> WindowBaseline:
 
 
 def probabilities_of(baseline: WindowBaseline, figures: list[WindowFigures]) -> list[float]:
-    """Return the probability that a healthy unit departs as far, on each of ``DAYS``."""
+    """Return the probability that a healthy unit departs as far, on each of ``DAYS``.
+
+    It is 0 without figures, and 1 if the baseline cannot judge them.
+    """
     if not figures:
         return [0.0] * len(DAYS)  # A window without motion differs from all healthy windows.
     departures = (baseline.departure(day * NS_A_DAY, figures) for day in DAYS.values())
@@ -87,7 +93,7 @@ def measure(pool: Workers, healthy: int, each: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for kind, by_name in figures.items():
         for number, day in enumerate(DAYS):
             healthy = np.array(by_name["healthy"])[:, number]
@@ -101,7 +107,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     for number, day in enumerate(DAYS):
         yield grid(
             f"windows that depart, {day}",

@@ -128,7 +128,10 @@ def _kept(tests: list[tuple[float, float, float]]) -> dict[str, float]:
 
 
 def foreign(work: tuple[int, Command, int]) -> list[dict[str, Any]]:
-    """Return the estimates of random faults of one foreign plant under a command."""
+    """Estimate random faults of one foreign plant under a command.
+
+    Return verdict, error [%], and the coverage and sigma of the judged components of each test.
+    """
     number, command, tests = work
     unit = Unit("foreign", number)
 
@@ -158,7 +161,7 @@ def foreign(work: tuple[int, Command, int]) -> list[dict[str, Any]]:
 
 
 def measure(pool: Workers, repetitions: int, plants: int, tests: int) -> Figures:
-    """Compare promises with simulated tests of each condition, and test foreign plants."""
+    """Design commands, compare promises with simulated tests, and test foreign plants."""
     within = [("moderate limits", _MODERATE), ("limits of the chirp itself", chirp_demands())]
     designs = pool.map("designs", designed, within)
     new = Command(**designs[0]["command"])
@@ -196,7 +199,7 @@ def _scores(of_plants: list[list[dict[str, Any]]]) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     first, chirp_design = figures["designs"]
     ratios = {name: _of_chirp(first, name) for name in first["wanted"]}
     worst = max(ratios, key=lambda name: ratios[name])
@@ -227,12 +230,12 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def _of_chirp(design: dict[str, Any], name: str) -> float:
-    """Return a fault's sigma over its sigma under the chirp, or over ``FINEST`` if larger."""
+    """Return a fault's sigma over the larger of ``FINEST`` and its sigma under the chirp."""
     return design["sigma"][name] / max(design["wanted"][name] / 1.1, FINEST)
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     names = [name.replace("_", "\n") for name in COMPONENTS]
     yield grid(
         "designs",

@@ -69,7 +69,7 @@ def _summary(trial: Trial) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the targets of the field-oriented drive, compared with six-step commutation."""
+    """Yield the targets of the field-oriented drive, compared with six-step commutation."""
     for name, sensors in (("law", "ideal"), ("law", "noisy"), ("wide", "ideal"), ("wide", "noisy")):
         errors, six_step = (
             figures[name][drive][sensors] for drive in ("field_oriented", "six_step")
@@ -85,7 +85,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     ways = [(drive, sensors) for drive in DESCRIPTIONS for sensors in ("ideal", "noisy")]
     yield grid(
         "errors [% of the range]; share of 90 % intervals that cover, and of degraded estimates",

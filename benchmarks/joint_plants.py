@@ -102,7 +102,10 @@ FRICTION: Final = {f"friction {factor:g}": factor for factor in (1.15, 1.3, 1.6,
 
 @dataclass(frozen=True)
 class Case:
-    """Faults of a record: factors on the healthy values [-]; ``load`` is over Coulomb friction."""
+    """Faults of a record: factors on the healthy values [-].
+
+    ``load`` is an additional load, in multiples of Coulomb friction.
+    """
 
     friction: float = 1.0
     viscous: float = 1.0
@@ -290,7 +293,7 @@ class Unit:
         return sections | {"clock": {"source": "time_s"}}
 
     def description(self) -> dict[str, Any]:
-        """Return the content of the unit's description file, with what its owner knows."""
+        """Return the content of the unit's description file: only values that an owner knows."""
         joint = self.joint
         parameters = {"tau": 1.0 / joint.ratio, "k_t": joint.torque_constant}
         if joint.lead:

@@ -135,7 +135,10 @@ class LeastSquares:
 
 
 def run(*arguments: str | Path) -> tuple[int, str, str, float]:
-    """Run a command. Return its exit code, stdout, errors and processor time [s]."""
+    """Run a command. Return its exit code, stdout, errors and processor time [s].
+
+    The errors are stderr, or the exception if the command crashed.
+    """
     started = time.process_time()
     done = CliRunner().invoke(ema, list(map(str, arguments)))
     spent = time.process_time() - started
@@ -144,7 +147,10 @@ def run(*arguments: str | Path) -> tuple[int, str, str, float]:
 
 
 def estimated(path: Path, calibration: Path) -> Figures:
-    """Return the report of `ema estimate` for a record."""
+    """Return exit code, verdict, quantities and figures of `ema estimate` for a record.
+
+    Without a comparison, verdict, quantities and figures are empty.
+    """
     code, printed, errors, spent = run("estimate", path, "--calibration", calibration, "--json")
     try:
         estimates = json.loads(printed)
@@ -328,12 +334,12 @@ def of_joint(units: Sequence[Figures]) -> Figures:
 
 
 def _error(test: Figures, friction: Figures) -> float:
-    """Return the relative error of the friction ratio. Its truth includes the scatter of days."""
+    """Return the relative error of the friction ratio; the truth includes the scatter of days."""
     return (1.0 + friction["change"]) / (1.0 + test["change"]) - 1.0
 
 
 def _covers(test: Figures, friction: Figures) -> bool:
-    """Return whether an interval contains the wear. It must allow for the scatter of days."""
+    """Return whether an interval contains the wear, which excludes the scatter of days."""
     return bool(friction["low"] <= test["wear"] <= friction["high"])
 
 
@@ -361,7 +367,7 @@ def by_joint(figures: Figures) -> dict[str, Figures]:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     joints = by_joint(figures)
     every = joints.pop("all")
     for name, joint in joints.items():
@@ -406,7 +412,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     joints = by_joint(figures)
     yield grid(
         "friction (least squares in brackets)",

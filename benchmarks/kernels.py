@@ -52,7 +52,8 @@ LARGE_BATCH: Final = 64
 def monitor_seconds(cores: int) -> dict[str, float]:
     """Return the time of a window [s], by step and batch, on a number of cores.
 
-    Restricts this process to these cores.
+    With one core, the time of the yardstick's form is included. Restricts this process to these
+    cores.
     """
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     rest = np.concatenate([[0.0], COMMAND])
@@ -188,7 +189,7 @@ def measure(pool: Workers, turns: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     form = figures["yardstick_form"]["ratio"]["median"]
     yield at_least("kernel, yardstick's form, 16 lanes, of the yardstick's speed", form, SHARE)
     for run in figures["monitor"].values():
@@ -204,7 +205,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     measured = {f"its form through our {LANES} lanes": figures["yardstick_form"]}
     for run in figures["monitor"].values():
         what = f"pair form, {1e6 * run['dt_s']:.0f} us, {run['batch']}"

@@ -91,7 +91,10 @@ def described(joint: int) -> ActuatorDescription:
 
 
 def cores_of(work: Work, joint: int, records: int) -> float:
-    """Return the processor time of learning a joint from records of a minute [cores]."""
+    """Return the processor time of learning a joint per second of its records [cores].
+
+    Each of the ``records`` lasts a minute.
+    """
     with (
         tempfile.TemporaryDirectory(prefix="ema_learning_") as folder,
         UnitBaseline(Path(folder), described(joint)) as baseline,
@@ -110,7 +113,7 @@ def cores_of(work: Work, joint: int, records: int) -> float:
 def scatter_of(work: Work, joint: int, firsts: list[int], samples: int) -> tuple[float, float]:
     """Return the scatter and the smallest detectable change of friction [-].
 
-    Both are NaN if the records give no baseline.
+    Both are NaN if the records give no baseline, or if fewer than half of ``_HEALTHY`` are used.
     """
     records = [work.record(joint, first, samples) for first in firsts]
     try:
@@ -148,13 +151,13 @@ def measure(pool: Workers, seed: int, records: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     what = "learning a joint at 100 Hz, one record a minute: % of a core"
     yield at_most(what, 100.0 * max(figures["cores"]), MOST_PERCENT)
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the scatter of friction by the cut of the records."""
+    """Yield tables of scatter and smallest change of friction, by the cut of the records."""
     joints = [f"joint {number + 1}" for number in range(_JOINTS)]
     for name, title in (
         ("scatter_percent", "standard deviation of friction of healthy records [%]"),

@@ -30,7 +30,10 @@ _STATUS: Final = "/ema/node_status"
 
 
 def read(path: Path) -> Figures:
-    """Return counts of a demo's bag, and lists with an item per estimate or refusal."""
+    """Return the counts of a demo's bag, and lists with an item per estimate.
+
+    The lists of times and evaluations have the valid estimates, ``reasons`` has the invalid ones.
+    """
     bag = Bag(path)
     blocks = [
         (item.message.first_index, len(item.message.command)) for item in bag.messages([_TELEMETRY])
@@ -84,7 +87,7 @@ def measure(pool: Workers, demos: int, duration: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     count = figures["windows"]
     median, late = figures["latency_median_s"], figures["latency_95_percent_s"]
     lost = figures["samples_lost_by_monitor"] + figures["samples_lost_by_recorder"]
@@ -96,7 +99,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return all figures, and the reasons for invalid estimates."""
+    """Yield a table of all figures, and a line with the reason for each invalid estimate."""
     shown = {name: value for name, value in figures.items() if name != "reasons"}
     yield grid(
         "live graph at 10 kHz",

@@ -98,7 +98,7 @@ class Course:
     def memory_at_end(self) -> tuple[float, float]:
         """Return the memory [MB] of the largest monitor, and its growth over the second half.
 
-        The growth is in MB/min; NaN with fewer than three samples.
+        The growth is in MB/min; NaN with fewer than three samples in that half.
         """
         half = len(self._memory_mb) // 2
         courses = np.array(self._memory_mb[half:]).T
@@ -306,7 +306,8 @@ def resident_mb(process: int) -> float:
 def search(numbers: Sequence[int], start: int, run: Callable[[int], Figures]) -> list[Figures]:
     """Return the runs of a search, from ``start``, for the largest number that is followed.
 
-    The runs are in ascending order of actuators and include the first number that is not followed.
+    The runs are in ascending order of actuators. They include the smallest number that is not
+    followed, if there is one.
     """
     place = min(range(len(numbers)), key=lambda i: abs(numbers[i] - start))
     results = [run(numbers[place])]
@@ -341,7 +342,7 @@ def measure(pool: Workers, monitors: str, actuators: str, bursts: int, beyond: i
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     runs = figures["rows"]
     for monitors in sorted({run["monitors"] for run in runs}):
         most = followed(runs, monitors)
@@ -354,7 +355,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     runs = [*figures["rows"], *figures["beyond"]]
     yield grid(
         f"{TEST_S:g} s of test in every {PERIOD_S:g} s of each actuator, in turn",

@@ -55,7 +55,10 @@ _PATIENCE_S: Final = 300.0
 
 
 def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], ActuatorDescription]:
-    """Calibrate units and store a calibration for each joint. Return the records of each unit."""
+    """Calibrate units and store a calibration for each joint.
+
+    Return the records of each unit, and the description of the last one.
+    """
     records, description = [], ActuatorDescription()
     for number in range(_UNITS):
         unit, place = Unit(JOINT, number), folder / f"unit_{number}"
@@ -82,7 +85,7 @@ def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], Ac
 
 
 def try_out(joints: int, block_s: float, count: int) -> Figures:
-    """Feed a monitor with joints. Return its processor time per second of their telemetry.
+    """Send telemetry of joints to a monitor. Return its processor time per second of telemetry.
 
     The processor time until each joint has its first estimate is measured separately, as
     ``once_s``. Then ``count`` further records are measured.
@@ -154,7 +157,7 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
 
 
 def _messages(record: Telemetry, at_ns: int, block_s: float) -> list[bytes]:
-    """Return the serialised blocks of a record, shifted to begin at a time [ns]."""
+    """Return the full blocks of a record, serialised and shifted to begin at a time [ns]."""
     size = round(block_s / record.sample_period)
     shift = round(at_ns * 1e-9 / record.sample_period)
     moved = replace(record, stamp_ns=at_ns, first_index=shift)
@@ -172,7 +175,7 @@ def measure(pool: Workers, joints: int, blocks: str, records: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     first = figures["rows"][0]
     what = f"{first['joints']} unknown drives at 100 Hz, blocks of {first['block_s']:g} s: cores"
     yield at_most(what, first["cores"], MOST_CORES)
@@ -183,7 +186,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     rows_of_joints = figures["rows"]
     names = (name.replace("_", " ") for name in rows_of_joints[0] if name != "reasons")
     shown = ([row[name] for name in row if name != "reasons"] for row in rows_of_joints)

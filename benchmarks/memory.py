@@ -62,7 +62,7 @@ def measure(pool: Workers) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets: the ratio of the peaks of each command."""
+    """Yield the rows of the targets: the ratio of the peaks of each command."""
     short_min, long_min = MINUTES
     for name in OPTIONS:
         short, long = figures[name]

@@ -50,7 +50,7 @@ class Result(NamedTuple):
 
 
 def identified(work: tuple[Recording, Calibration]) -> Result:
-    """Record a motion. Return the estimates of its stretches."""
+    """Simulate a recording. Return the estimates from its stretches."""
     recording, calibration = work
     stretches = recording.stretches()
     combination = Combination(ACTUATOR, calibration, settings=CombinationSettings(pause_s=0.0))
@@ -120,7 +120,7 @@ def measure(pool: Workers, plants: int, recordings: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for on in CALIBRATED_ON:
         chosen = {
             name: fault
@@ -157,7 +157,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     counts = ("record-\nings", "without\nestimate", "esti-\nmates", "valid", "degra-\nded")
     more = ("re-\nfused", "stretches", "searched", "wrong and\nconfident")
     yield grid(

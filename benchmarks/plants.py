@@ -227,7 +227,11 @@ def faulty(
     calibrated_on: str | None = None,
     stream: int,
 ) -> list[Task]:
-    """Return tasks with random faults, half by the thesis's law and half moderate."""
+    """Return tasks with random faults, half by the thesis's law and half moderate.
+
+    ``causes`` draws the hidden causes of a task. ``calibrated_on`` None is ``motion``. ``stream``
+    separates the random numbers of different calls.
+    """
     tasks = []
     for i, unit in dealt(kind, plants, count):
         rng = np.random.default_rng(_seed(stream, unit, i))
@@ -240,7 +244,7 @@ def faulty(
 
 
 def moderate_faults(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return random faults in one to three components, 0.02 to 0.35 from healthy, uniform."""
+    """Return random faults in one to three components, at uniform 0.02 to 0.35 from healthy."""
     k = healthy_faults()
     for n in rng.choice(DETECTABLE, rng.integers(1, 4), replace=False):
         sign = rng.choice([-1.0, 1.0]) if n == GAIN else 1.0

@@ -90,7 +90,7 @@ def measure(pool: Workers, repeats: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for name, values in figures.items():
         most = max(values)
         measured = f"{most:.2f} (median {np.median(values):.2f})"

@@ -154,7 +154,11 @@ def written(folder: Path, source: Path, workers: Workers) -> list[Trial]:
 
 
 def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
-    """Return the comparisons to make; each number of days judges every faulty trial once."""
+    """Return the comparisons to make.
+
+    Without labels, each number of days judges every faulty trial once. With labels, each trial is
+    judged once.
+    """
     chosen = []
     for load in LOADS:
         here = [trial for trial in trials if trial.load == load]
@@ -175,7 +179,7 @@ def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
 
 
 def compared(folder: Path, comparison: Comparison) -> list[Figures]:
-    """Return the reports of `ema estimate` for the tests of a comparison."""
+    """Calibrate and label as a comparison states. Return the report of each of its tests."""
     calibration = calibrated(folder, comparison)
     for state in sorted({trial.state for trial in comparison.labelled}):
         bags = [folder / trial.bag for trial in comparison.labelled if trial.state == state]
@@ -203,7 +207,7 @@ def calibrated(folder: Path, comparison: Comparison) -> Path:
 
 
 def estimated(bag: Path, calibration: Path) -> Figures:
-    """Return the report of `ema estimate` for a record."""
+    """Return the report of `ema estimate` for a record; RuntimeError without a report."""
     code, printed, errors, _ = run("estimate", bag, "--calibration", calibration, "--json")
     if not printed:
         raise RuntimeError(f"{bag}: {errors}")
@@ -268,7 +272,10 @@ def emps(source: Path) -> Figures:
 
 
 def aircraft(path: Path) -> list[Figures]:
-    """Return the report of `ema moves` for each test, based on the tests before it."""
+    """Return the report of `ema moves` for each test with moves of up to 1 Hz.
+
+    Each report is based on the earlier tests.
+    """
     moves = pd.read_parquet(path)
     with TemporaryDirectory() as name:
         table, mapping = Path(name) / "moves.csv", Path(name) / "moves.yaml"
@@ -321,7 +328,7 @@ def kind(state: str) -> str:
 
 
 def named(test: Figures) -> str:
-    """Return the most probable state of a trial."""
+    """Return the most probable state of a trial; "" without labelled states."""
     state = next(iter(test["states"]), "")
     return HEALTHY if state == "healthy" else state
 
@@ -355,7 +362,7 @@ def chosen(figures: Figures, days: int, load: int | None = None, *states: str) -
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for days in DAYS:
         healthy = chosen(figures, days, None, HEALTHY)
         what = f"false alarms of 15 healthy trials, {days} healthy days, {len(healthy)} comparisons"
@@ -436,7 +443,7 @@ def _aircraft_rows(name: str, tests: list[Figures]) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     states = list(dict.fromkeys(trial["state"] for trial in figures["trials"]))
     for days in DAYS:
         cells = {

@@ -189,7 +189,7 @@ def rewritten(document: str, new: Sequence[Sequence[str]]) -> str:
 @click.option("--write", "document", type=click.Path(exists=True, path_type=Path))
 @click.option("--picture", type=click.Path(path_type=Path))
 def main(figures: Path, document: Path | None, picture: Path | None) -> None:
-    """Print the tables, and write them to the document."""
+    """Print the tables. Write them to the document and draw the picture if these are given."""
     values = json.loads(figures.read_text(encoding="utf-8"))
     new = list(tables(values))
     for rows in new:

@@ -71,7 +71,7 @@ def measure(_: Workers, tests: int, runs: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     kept_s, repeated_s = figures["kept_s"], figures["repeated_s"]
     what = f"restart with a history of {figures['tests']} tests, to its health [s]"
     yield at_most(what, kept_s, MOST_S)

@@ -51,7 +51,10 @@ PAYLOADS: Final = {"known": True, "unknown": False}
 
 
 class _Log(NamedTuple):
-    """Log of an arm's work: samples, end of each cycle [s], and its friction over healthy."""
+    """Log of an arm's work: samples, and the end [s] and friction ratios of each cycle.
+
+    The ratios are friction over healthy friction, one per joint.
+    """
 
     start_s: float
     columns: dict[str, Any]
@@ -116,8 +119,9 @@ def wear_case(case: tuple[int, str]) -> dict[str, Any]:
 
 
 def _wear_outcome(joint: str, worn: _Log, healthy: Any, joints: dict[str, Any]) -> dict[str, Any]:
-    """Return the outcome of a report: when the joint is named, its errors, and other joints.
+    """Return the outcome of a report: errors of the wearing joint, and the other joints.
 
+    ``named_at`` is the true increase of friction in the first record that names it [-], or None.
     ``healthy`` has the mean friction ratio of each joint in the healthy cycles.
     """
     at = JOINT_NAMES.index(joint)
@@ -147,9 +151,10 @@ def _wear_outcome(joint: str, worn: _Log, healthy: Any, joints: dict[str, Any]) 
 def _errors(
     joint: dict[str, Any], worn: _Log, at: int, healthy: float
 ) -> Iterator[tuple[float, bool]]:
-    """Yield the error of each record's change of friction [-], and whether its interval holds.
+    """Yield the error of each reported change of friction [-], and whether its interval holds.
 
-    Friction also varies between the healthy records; ``healthy`` is its mean ratio there.
+    Records without a change are skipped. ``healthy`` is the joint's mean friction ratio in the
+    healthy cycles.
     """
     ends_s = np.array(worn.ends_s)
     ratios = np.array(worn.ratios)[:, at]
@@ -212,7 +217,7 @@ def measure(workers: Workers, seeds: int, hours: float) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for payload in PAYLOADS:
         worn = [case[payload] for case in figures["wear"]]
         with_it = f", payload {payload}"

@@ -110,7 +110,7 @@ def measure(pool: Workers, vectors: int, seed: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     median = figures["1 kHz, mean"]["median"]
     yield at_most("telemetry of 1 kHz, mean: median error [%]", median, 0.7)
     valid = 100.0 * figures["500 Hz, mean"]["valid"]
@@ -121,7 +121,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     shares = ("valid", "fit_within_limit", "separated", "covers")
     yield grid(
         "rate, sampling of the current, missing columns",

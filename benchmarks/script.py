@@ -62,7 +62,8 @@ def in_a_process(work: Callable[..., Result], *options: Any) -> Result:
 def peak_mib(status: str) -> float:
     """Return the largest resident set in the content of ``/proc/PID/status`` [MiB].
 
-    wait4 and getrusage report at least the peak of the process that forked.
+    wait4 and getrusage are unsuitable, because the peak of the parent process is a lower bound of
+    their result.
     """
     return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
 

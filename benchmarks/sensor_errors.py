@@ -181,7 +181,7 @@ def summary(results: list[Figures]) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     kinds, windows = figures["kinds"].values(), len(figures["windows"])
     for what, key in (
         (f"estimates wrong by more than {WRONG_SIGMA:g} sigma", "wrong"),
@@ -193,7 +193,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     yield grid(
         "faults beside an error of a sensor",
         (

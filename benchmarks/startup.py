@@ -54,7 +54,7 @@ def measure(_: Workers, runs: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets, which are for the wall time on an idle machine."""
+    """Yield the rows of the targets, which are for the wall time on an idle machine."""
     for name, limit_s in TARGETS_S.items():
         wall_s, processor_s = figures[name]["wall_s"], figures[name]["processor_s"]
         what = f"ema {name}, median of wall (processor) time [s]"

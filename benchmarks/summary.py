@@ -38,7 +38,7 @@ SCRIPTS: Final = (
 
 
 def main() -> None:
-    """Print and write the table of all targets; SystemExit if a target is missed."""
+    """Print and write the table of all targets. Exit with status 0, or 1 if a target is missed."""
     rows: list[Row] = []
     for name in SCRIPTS:
         file = HERE / f"{name.rpartition('.')[2]}.json"

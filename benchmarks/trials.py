@@ -192,7 +192,10 @@ class Trial:
         return mean(beyond - np.log(np.diff([0.0, *LEVELS, 1.0])[part] / width))
 
     def wrong_and_confident(self) -> int:
-        """Return the number of used estimates with an error above both 3 sigma and 2 %."""
+        """Return the number of used estimates with an error above both 3 sigma and 2 %.
+
+        For the 2 %, the error of the phase is multiplied by the eccentricity.
+        """
         used = self.used
         size = used.away
         beyond = size > _CONFIDENT_SIGMA * used.sigma
@@ -262,5 +265,5 @@ def noisy_window(case: Case) -> Window:
 
 
 def calibration_on(cases: Sequence[Case]) -> Calibration:
-    """Return the calibration of a unit on its healthy cases, with noisy sensors."""
+    """Calibrate a unit with the windows of its healthy cases, recorded by noisy sensors."""
     return calibrate_model([noisy_window(case) for case in cases], ACTUATOR)

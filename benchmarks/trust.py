@@ -155,7 +155,10 @@ def claimed_faults(task: Task, estimate: Estimate) -> dict[str, float]:
 
 
 def of_hidden(tasks: Sequence[Task], results: Sequence[list[Estimate]]) -> Figures:
-    """Return verdicts and claims of healthy windows with hidden causes, with one estimate each."""
+    """Return verdicts, claimed faults and named causes of healthy windows with hidden causes.
+
+    ``results`` has a list of one estimate for each task.
+    """
     estimates = [estimate for [estimate] in results]
     claimed = [claimed_faults(*pair) for pair in zip(tasks, estimates, strict=True)]
     pairs = [(set(t.causes), named_causes(e)) for t, e in zip(tasks, estimates, strict=True)]
@@ -173,7 +176,7 @@ def of_hidden(tasks: Sequence[Task], results: Sequence[list[Estimate]]) -> Figur
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     by_name = figures["cold"]
     for name in ("foreign, faults alone", "foreign, with causes", "own, with causes"):
         entry = by_name[name]
@@ -216,7 +219,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     if figures["held_out"]:
         yield "HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
     headings = ("condition", "win-\ndows", "median\n%", "90 %\n%", "worst\n%", "valid")

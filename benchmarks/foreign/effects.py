@@ -229,5 +229,5 @@ def _off_nominal(seed: int, effects: frozenset[Effect]) -> ActuatorParameters:
 
 
 def _known(values, otherwise: float) -> NDArray[np.float64]:
-    """Return the values with each NaN, the value of an absent effect, replaced."""
+    """Return the values with ``otherwise`` for each NaN, the value of an absent effect."""
     return np.where(np.isnan(values), otherwise, values)

@@ -131,7 +131,12 @@ def hall(turn):
 
 @kernel()
 def leg_voltage(v, half, i, dead, width, stays_open):
-    """Return the output voltage of a leg switched to ``v`` (+1, -1), against mid-supply [V]."""
+    """Return the output voltage of a leg switched to ``v`` (+1, -1), against mid-supply [V].
+
+    ``half`` is half of the supply [V]. During dead time (``dead`` > 0), or if the upper switch
+    stays open, the sign of the current ``i`` [A] determines the voltage; below ``width`` [A] it is
+    proportional to the current.
+    """
     if dead > 0 or (stays_open and v > 0.0):
         # Both switches are open: the current flows through a diode, which opposes it.
         return -half * min(max(i / width, -1.0), 1.0)

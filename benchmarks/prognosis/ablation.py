@@ -264,7 +264,10 @@ def measure(
 
 
 def _figures(scores: Array) -> Array:
-    """Return accuracy, coverage and share too long, ``(..., 3)``, of scores, ``(..., n, 5)``."""
+    """Return accuracy, coverage and share of too long intervals, ``(..., 3)``, over n lives.
+
+    ``scores``, ``(..., n, 5)``, has the fields of ``Score``.
+    """
     accuracy = np.nanmean(scores[..., 0], axis=-1)
     sums = scores[..., 1:].sum(axis=-2)
     inside, intervals, too_long, late = np.moveaxis(sums, -1, 0)
@@ -273,7 +276,7 @@ def _figures(scores: Array) -> Array:
 
 
 def _changes(full: Array, without: Array) -> tuple[Array, Array]:
-    """Return the change of ``_figures`` without a mechanism, and its standard error."""
+    """Return the change of ``_figures`` without a mechanism, and its bootstrap standard error."""
     rng = np.random.default_rng(0)
     drawn_lives = rng.integers(len(full), size=(DRAWS, len(full)))
     changes = _figures(without[drawn_lives]) - _figures(full[drawn_lives])
@@ -281,7 +284,7 @@ def _changes(full: Array, without: Array) -> tuple[Array, Array]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print."""
+    """Yield the tables to print."""
     sets = {
         name: {key: np.array([score[key] for score in set_scores], float) for key in set_scores[0]}
         for name, set_scores in figures["scores"].items()

@@ -69,10 +69,10 @@ def estimate_of(number: int, friction: float, rng: np.random.Generator) -> Estim
 
 
 def scores(task: tuple[str, str, int], every: int) -> tuple[list[float], list[bool]]:
-    """Return relative accuracies and coverage flags, from two tests after the change on.
+    """Return relative accuracies and coverage flags of tests in the second half of a life.
 
     ``task`` is kind of duty, quantity of growth ("damage" or "hours") and seed. Every ``every``-th
-    test is scored.
+    test is scored. A test without a predicted life has accuracy 0 and no flag.
     """
     kind, growth_per, seed = task
     rng = np.random.default_rng([SEED, seed])
@@ -112,7 +112,7 @@ def measure(pool: Workers, lives: int, every: int) -> Figures:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print."""
+    """Yield the tables to print."""
     columns = [f"{what} by {by}" for what in ("accuracy", "coverage") for by in ("hours", "damage")]
     cells = ((kind, *(entry[name] for name in columns)) for kind, entry in figures.items())
     yield grid("friction that wears by duty", ("duty", *columns), cells, digits=3)

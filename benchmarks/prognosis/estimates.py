@@ -80,7 +80,8 @@ class ErrorModel:
     ) -> list[Measurement]:
         """Return estimates of tests, with errors that follow an AR(1) process in units of sigma.
 
-        ``faults`` are ``(n, 8)`` at ``hours``, ``(n,)``.
+        ``faults`` are ``(n, 8)`` at ``hours``, ``(n,)``. ``correlation`` is the correlation of
+        successive errors.
         """
         fresh = np.sqrt(1.0 - correlation**2)
         z, estimates = self._errors(rng), []
@@ -141,7 +142,7 @@ def error_model() -> ErrorModel:
 
 
 def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Measurement]:
-    """Return the estimates of a life's tests with a usable window. They are reproducible."""
+    """Return the estimates of a life's tests with a usable window, with reproducible errors."""
     rng = scored.rng(1)
     return [
         error_model().draw(float(hours), faults, rng)

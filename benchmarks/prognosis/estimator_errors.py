@@ -66,7 +66,7 @@ def rounded(values: Iterable[float], digits: int = 5) -> list[float | None]:
 
 
 def drawn_tests(count: int) -> list[Case]:
-    """Return random tests of lives, equally many of each kind of fault."""
+    """Return random tests of lives, equally many of each kind of fault and of constant lives."""
     kinds = [*TYPICAL, None]
     drawn = []
     for number in range(count):
@@ -93,7 +93,7 @@ def measure(pool: Workers, windows: int, spoiled: int) -> Figures:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print."""
+    """Yield the tables to print."""
     yield grid(FILE.name, figures, [figures.values()])
 
 

@@ -59,7 +59,10 @@ def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -
 
 
 def _polynomial(t: Array, y: Array, degree: int, rng: np.random.Generator) -> Array | None:
-    """Return samples of coefficients, constant first, ``(n, k)``, or None if no line rises."""
+    """Return samples of coefficients, constant first, ``(n, k)``.
+
+    None with fewer than ``degree`` + 3 points, or if a line through the points does not rise.
+    """
     if t.size < degree + 3 or not _rises(t, y):
         return None
     scale = max(-t[0], 1.0)
@@ -73,7 +76,7 @@ def _polynomial(t: Array, y: Array, degree: int, rng: np.random.Generator) -> Ar
 
 
 def _rises(t: Array, y: Array) -> bool:
-    """Return whether the slope of a line through the points exceeds three standard errors."""
+    """Return whether the slope of a line is positive and exceeds three standard errors."""
     line: Any = linregress(t, y)
     return line.slope > max(_SIGNIFICANT * line.stderr, 0.0)
 
@@ -104,7 +107,10 @@ def _quadratic(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
 
 
 def _exponential(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
-    """Fit a line to log y with weights y^2, and resample its residuals."""
+    """Fit a line to log y with weights y^2, and resample its residuals.
+
+    Return samples of the remaining life [h], or None if y does not rise or has too few points.
+    """
     if not _rises(t, y):
         return None
     used = y > 0.01

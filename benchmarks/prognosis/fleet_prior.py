@@ -90,7 +90,7 @@ def _rows(kind: str, scores: Sequence[dict[str, LifeScore]]) -> list[Figures]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print."""
+    """Yield the tables to print."""
     every = figures["rows"]
     yield grid(
         f"law unknown, fleets of {figures['units']}, {figures['lives']} lives",

@@ -79,7 +79,7 @@ def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     methods = figures["methods"]
     ours = methods[TRACKER]
     every = ours["all"]
@@ -108,7 +108,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     methods = figures["methods"]
     yield grid(
         f"accuracy over the second half of life, {TRACKER}",

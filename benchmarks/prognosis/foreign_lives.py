@@ -98,7 +98,7 @@ class ForeignCase:
         return life
 
     def measurements(self, life: ForeignLife) -> list[Measurement]:
-        """Return the estimates of the tests of its life. They are reproducible."""
+        """Return the estimates of the tests of ``life``, with reproducible errors."""
         rng = self.rng(1)
         return error_model().draw_correlated(life.hours, life.faults, CORRELATION, rng)
 
@@ -230,7 +230,10 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
 
 
 def _end(grown: Grown, after: float) -> float:
-    """Return the service hour at which the limit is first reached [h]; infinite if never."""
+    """Return the service hour at which the limit is first reached [h]; infinite if never.
+
+    The hour is interpolated between steps, except before ``after``, the hour of a repair [h].
+    """
     limit, away = LIMITS[grown.name], grown.away
     over = np.flatnonzero(away >= limit)
     if not over.size:

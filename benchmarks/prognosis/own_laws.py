@@ -119,7 +119,7 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets."""
+    """Yield the rows of the targets."""
     for case, name in product(("drawn", "real"), TARGETS):
         if case in figures:
             yield from _accuracy_rows(figures[case], case, name)
@@ -163,7 +163,7 @@ def _accuracy_rows(by_method: Figures, case: str, name: str) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return the tables to print below the targets."""
+    """Yield the tables to print below the targets."""
     shares = ("coverage", "horizon_share", "convergence_share", "first_share")
     for case, title in _TITLES.items():
         by_method = figures.get(case, {})

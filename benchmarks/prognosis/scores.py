@@ -99,7 +99,10 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
 
 
 def by_kind(scores: Sequence[LifeScore]) -> dict[str, dict[str, Any]]:
-    """Return the summary of each kind of fault, of ``WITHOUT_DIFFUSION``, and of all lives."""
+    """Return the summaries by kind of fault, for kinds without diffusion, and for all lives.
+
+    Their keys are the kinds, ``WITHOUT_DIFFUSION`` and "all".
+    """
     kinds = dict.fromkeys(score.kind for score in scores)
     parts = {kind: summary([s for s in scores if s.kind == kind]) for kind in kinds}
     smooth = [s for s in scores if not TYPICAL[s.kind].diffusion]

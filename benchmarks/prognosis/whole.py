@@ -104,7 +104,10 @@ def followed(
 
 
 def _failure_hours(life: SimulatedLife) -> float:
-    """Return the service hour at which the true faults first violate a requirement [h]."""
+    """Return the service hour at which the true faults first violate a requirement [h].
+
+    It is infinite if they violate none.
+    """
     reserve = _requirements().exact_reserves(REQUIREMENTS, life.faults).min(axis=1)
     failed = np.flatnonzero(reserve < 0.0)
     if not failed.size:
@@ -137,7 +140,10 @@ def worn(hours: float, share: float, rng: np.random.Generator) -> Estimate:
 
 
 def estimate_of_measurement(measurement: Measurement, calibration: Calibration) -> Estimate:
-    """Return a valid estimate with the faults of a measurement; its stamp is service hour + 1."""
+    """Return a valid estimate with the faults of a measurement.
+
+    Its window ends one hour after the service hour, counted from the epoch.
+    """
     # A stamp of 0 would mean "no time".
     end_ns = round((measurement.hours + 1.0) * _NS_PER_HOUR)
     return Estimate(
