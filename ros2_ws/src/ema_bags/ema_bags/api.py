@@ -14,7 +14,7 @@ __all__ = ["Bag", "read_telemetry"]
 def read_telemetry(
     path: str | Path, *, topic: str | None = None, actuator_id: str | None = None
 ) -> Iterator[Telemetry]:
-    """Read the telemetry of one actuator block by block; malformed blocks are skipped.
+    """Yield the telemetry of one actuator block by block; malformed blocks are skipped.
 
     Parameters
     ----------

@@ -230,7 +230,7 @@ class BagRecorder:
         Raises
         ------
         ValueError
-            If no message is kept.
+            If no message is kept, or ``snapshot_duration`` is 0.
         OSError
             If the bag cannot be written. Messages that fit in memory stay buffered, count as
             written, and are written later.
@@ -281,7 +281,7 @@ class BagRecorder:
             self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
 
     def _read(self, topic: str, data: bytes) -> Any:
-        """Return the decoded message if the recorder evaluates its type, else None."""
+        """Return the decoded message; None if it is malformed or its type is not evaluated."""
         kind = self.bag.topics[topic].message_class
         try:
             return deserialize_message(data, kind) if issubclass(kind, _READ) else None
@@ -289,7 +289,7 @@ class BagRecorder:
             return None
 
     def _level_change(self, message: Any) -> str:
-        """Describe the level changes in a message; the first level is not a change."""
+        """Return the level changes in a message, or ""; the first level is not a change."""
         levels: dict[str, int] = {}
         if isinstance(message, DiagnosticArray) and self._settings.snapshot_levels == "all":
             levels = {item.name: ord(item.level) for item in message.status}

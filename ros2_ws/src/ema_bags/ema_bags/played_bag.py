@@ -126,7 +126,10 @@ class PlayedBag:
         return sum(topic.count for topic in self.topics.values())
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
-        """Read the played messages from a log time [ns] on, upgraded to the installed types."""
+        """Return an iterator of the played messages from a log time [ns] on.
+
+        They are upgraded to the installed types; malformed messages are skipped.
+        """
         return self._upgraded(self.bag.raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:

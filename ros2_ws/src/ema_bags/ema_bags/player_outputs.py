@@ -58,7 +58,10 @@ class PlayerOutputs:
         self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def missing(self) -> str:
-        """Return the topics that lack an expected subscription, as a string."""
+        """Return the topics that lack an expected subscription, as a string; "" if none does.
+
+        Each telemetry topic should have a subscription; without telemetry, any one topic.
+        """
         subscribed = {
             name
             for name, publisher in self.publishers.items()

@@ -113,7 +113,7 @@ class Bag(Recording):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Read and decode messages in the order of their log times (see ``Recording.messages``)."""
+        """Return an iterator of decoded messages, by log time (see ``Recording.messages``)."""
         chosen = self._chosen(topics)
         decoders = {
             name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count
@@ -126,7 +126,7 @@ class Bag(Recording):
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[Recorded]:
-        """Read messages without decoding, in the order of their log times.
+        """Return an iterator of serialised messages, in the order of their log times.
 
         Parameters
         ----------

@@ -40,7 +40,7 @@ class RecorderNode(ManagedNode):
 
     With ``snapshot_duration``, the node keeps received messages for that time. It writes them to a
     separate file when the level of a health or of a status on /diagnostics changes, or when
-    ``~/snapshot`` is called. Messages still kept at the end are not written.
+    ``~/snapshot`` is called. At the end, messages still kept are written only if a snapshot is due.
 
     An inactive node records nothing; after reactivation, it continues in the same bag. Cleanup
     closes the bag.

@@ -167,7 +167,7 @@ class Recording(ABC):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Read and decode messages, in the order of their log times.
+        """Return an iterator of decoded messages, in the order of their log times.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class MemoryRecording(Recording):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Return messages in the order of their log times (see ``Recording.messages``)."""
+        """Return an iterator of messages, by log time (see ``Recording.messages``)."""
         chosen = self._chosen(topics)
         start = bisect_left(self._items, first, key=_place) if first else 0
         end = bisect_right(self._items, last, key=_place) if last else len(self._items)

@@ -55,7 +55,7 @@ class RecordedTelemetry:
     def items(
         self, first: MessagePlace | None = None, last: MessagePlace | None = None
     ) -> Iterator[tuple[MessagePlace, Telemetry | Malformed | ActuatorDescription]]:
-        """Read blocks and descriptions of the actuator in the order of their log times.
+        """Yield blocks and descriptions of the actuator in the order of their log times.
 
         Parameters
         ----------

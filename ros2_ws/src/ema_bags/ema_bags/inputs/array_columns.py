@@ -109,7 +109,10 @@ def list_column(column: Any) -> NDArray[Any] | None:
 
 
 def parts_of(names: Any) -> tuple[str, ...]:
-    """Return the names of the elements of an array, given as a list or grouped in a mapping."""
+    """Return the names of the elements of an array, given as a list or grouped in a mapping.
+
+    Empty if ``names`` is neither.
+    """
     if isinstance(names, Mapping):
         names = [name for group in names.values() for name in group]
     if not isinstance(names, list):

@@ -74,7 +74,10 @@ class ArrivalClock:
         self._line_before: tuple[float, float] | None = None
 
     def _settled(self, count: int) -> NDArray[np.int64]:
-        """Stamp the samples part by part, so that the line can follow clock drift."""
+        """Return the stamps of the first ``count`` waiting samples [ns].
+
+        They are computed part by part, so that the line can follow clock drift.
+        """
         parts = [np.empty(0, dtype=np.int64)]
         while count > 0:
             part = min(count, self._settle * 4)

@@ -67,7 +67,10 @@ class SqliteBag:
         return self._malformed.remarks()
 
     def messages(self, topics: Iterable[str]) -> Iterator[Recorded]:
-        """Read and decode messages in order of reception; publish times are 0 (unknown)."""
+        """Yield decoded messages in order of reception; malformed messages are skipped.
+
+        Publish times are 0 (unknown).
+        """
         wanted = list(topics)
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]

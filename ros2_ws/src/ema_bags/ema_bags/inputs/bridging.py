@@ -272,7 +272,10 @@ class Bridge:
         return blocks
 
     def _learn(self, primary: Series) -> SampleStream | None:
-        """Measure the sample rate; return None until samples cover ``learn_s``."""
+        """Measure the sample rate and return a new stream.
+
+        Return None until at least 40 samples have arrived and cover ``learn_s``.
+        """
         if (
             len(primary) < LEAST_SAMPLES
             or 1e-9 * np.ptp(primary.arrivals_ns) < self.settings.learn_s

@@ -46,7 +46,10 @@ class WrittenNumbers:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell is a number with the given decimal sign and no thousands separators."""
+    """Return whether a cell is a number with the given decimal sign, or a word such as nan or inf.
+
+    The number must not have thousands separators.
+    """
     text = _plain(cell)
     return bool(re.match(_number(decimal), text)) or text.lower() in _LITERAL
 

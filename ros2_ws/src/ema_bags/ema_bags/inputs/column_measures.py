@@ -115,7 +115,11 @@ def moving_mask(speed: _Array) -> NDArray[np.bool_]:
 
 
 def smoothed(values: _Array, period: float, seconds: float = _SMOOTH_S) -> _Array:
-    """Return a column after a Gaussian low-pass filter without lag, ``(n,)``."""
+    """Return a column after a Gaussian low-pass filter without lag, ``(n,)``.
+
+    ``seconds`` is the standard deviation of the filter, at least 1.5 samples. A column that is not
+    longer than the filter is returned unchanged.
+    """
     width = max(seconds / period, _SMOOTH_SAMPLES)
     reach = math.ceil(4.0 * width)
     if len(values) <= 2 * reach:
@@ -129,7 +133,8 @@ def lag_between(cause: _Array, effect: _Array, period: float) -> float:
     """Return the lag of ``effect`` behind ``cause`` [s], by cross-correlation.
 
     Both are ``(n,)`` and sampled at the same times. They should be rates of change, such as speeds.
-    Return NaN if their correlation is below 0.7, or the lag exceeds 0.5 s.
+    Return NaN if there are fewer than 50 samples, their correlation is below 0.7, or the lag
+    exceeds 0.5 s.
     """
     n = len(cause)
     if n < 50:

@@ -91,7 +91,10 @@ def _follows(
 
 
 def _residual(values: NDArray[np.float64], terms: tuple[NDArray[np.float64], ...]) -> float:
-    """Return the relative residual of a least-squares fit of the terms to the values [-]."""
+    """Return the relative residual of a least-squares fit of the terms to the values [-].
+
+    Return 1 if the values are constant or a term is 0.
+    """
     size = float(np.std(values))
     sizes = [float(np.max(np.abs(term))) for term in terms]
     if size <= 0.0 or min(sizes) <= 0.0:

@@ -23,7 +23,7 @@ _UNIT: Final = re.compile(
 
 
 def first_lines(path: Path) -> tuple[str, list[str]]:
-    """Return the encoding and the first lines of a file."""
+    """Return the encoding and the first lines of a file; ValueError if it is not a text file."""
     with path.open("rb") as file:
         data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -40,7 +40,13 @@ def first_lines(path: Path) -> tuple[str, list[str]]:
 
 
 def separator_and_decimal(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
-    """Return the separator and decimal sign for which most cells are numbers."""
+    """Return the separator and decimal sign for which most cells are numbers.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two lines, or no separator makes columns of numbers.
+    """
     best, chosen = 0.0, None
     # Skip the top third, which may contain headings.
     filled = [line for line in lines if line.strip()]
@@ -70,7 +76,13 @@ def separator_and_decimal(path: Path, lines: Sequence[str], table: Table) -> tup
 
 
 def read_heading(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, str], int]:
-    """Return column names, column units and the index of the first data line."""
+    """Return column names, column units and the index of the first data line.
+
+    Raises
+    ------
+    ValueError
+        If no line is a row of numbers.
+    """
     rows = [split_cells(_COMMENT.sub("", line), separator) for line in lines]
     # Trailing separators form a column only if another line has a cell there.
     filled = [_filled(row) for row in rows]

@@ -250,8 +250,8 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
 
     Before and after a jump, the step size must change by more than 20 times both the largest nearby
     change and the 95th percentile of all changes. The jump must also exceed 4 times the 99.5th
-    percentile of the steps. Zero steps are ignored. A step is only judged once more motion follows,
-    because the first step after a rest looks like a jump.
+    percentile of the steps and 5 % of the travel. Zero steps are ignored. A step is only judged
+    once more motion follows, because the first step after a rest looks like a jump.
     """
     steps, usual_ns = np.diff(position), np.median(np.diff(stamps_ns))
     is_moving = (np.diff(stamps_ns) < _GAP * usual_ns) & np.isfinite(steps) & (steps != 0.0)

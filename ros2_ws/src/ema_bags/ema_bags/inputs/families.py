@@ -94,7 +94,10 @@ def _best_family(names: Sequence[str], hint_of: Callable[[str], Hint]) -> list[J
 
 
 def _family(seed: str, valid: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Return the templates whose joints all occur in the seed; no two share a column."""
+    """Return the template ``seed`` and the templates with no other joints, with their columns.
+
+    ``valid`` has the column of each joint, by template. No two returned templates share a column.
+    """
     keys, family = valid[seed].keys(), {seed: valid[seed]}
     used = set(valid[seed].values())
     longest_first = sorted(valid.items(), key=lambda item: -len(item[1]))

@@ -73,7 +73,10 @@ def refine(
     stamps_ns: NDArray[np.int64],
     description: ActuatorDescription,
 ) -> Guess:
-    """Refine a guess: choose units, signs and shafts so that the columns agree."""
+    """Refine a guess: choose units, signs and shafts so that the columns agree.
+
+    A speed or current that never changes is removed. ``raw`` has the source values by key.
+    """
     mapping, doubts = guess.mapping, list(guess.doubts)
     for name in ("position", "command", "error", "speed"):
         source = getattr(mapping, name)
@@ -172,7 +175,11 @@ def _refined(
     description: ActuatorDescription,
     doubts: list[Doubt],
 ) -> CurrentSource:
-    """Return the current source with the sign and shaft that match inertia and friction."""
+    """Return the current source with the sign and shaft that match inertia and friction.
+
+    ``relation`` is the ratio of the effort to the expected effort, 1 if there is no data sheet, and
+    their correlation; None if unknown. Doubts are added to ``doubts``.
+    """
 
     def note(kind: DoubtKind, value: float = 0.0) -> None:
         doubts.append(Doubt(kind, "current", current.source, value=value))

@@ -86,7 +86,7 @@ def _may_be_time(columns: TableColumns, name: str) -> bool:
 
 
 def _dated(columns: TableColumns, named: list[str]) -> list[str]:
-    """Return the sum of a date column and a time-of-day column, if the table has both."""
+    """Return the clock source that adds a date and a time of day; empty if a column is missing."""
     of_day = [name for name in named if name in columns.of_day]
     days = [
         name
@@ -140,14 +140,14 @@ def _time_unit(columns: TableColumns, name: str) -> str:
 
 
 def _is_clock(columns: TableColumns, clock: Clock) -> bool:
-    """Return whether at least 90 % of the time steps have the same sign, in either direction."""
+    """Return whether more than 90 % of the time steps are positive, or more than 90 % negative."""
     stamps = columns.stamps(clock)
     steps = np.diff(stamps[stamps != NO_STAMP])
     return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
 
 
 def _counts(values: NDArray[Any]) -> bool:
-    """Return whether the values are row numbers."""
+    """Return whether the values are row numbers: more than 90 % of their steps are 1."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
 

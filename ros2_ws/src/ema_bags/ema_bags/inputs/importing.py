@@ -129,7 +129,10 @@ class SampleStream:
         )
 
     def blocks(self, run: GaplessRun, block_s: float, shift_ns: int = 0) -> Iterator[Telemetry]:
-        """Split a run into blocks of at most ``block_s``; unmeasured columns are empty."""
+        """Yield the blocks of a run, of at most ``block_s`` each; unmeasured columns are empty.
+
+        Stamps are shifted by ``shift_ns``.
+        """
         h = self.description.sample_period
         size = max(1, round(block_s / h))
         for start in range(0, len(run.stamps_ns), size):
@@ -170,7 +173,7 @@ class Imported:
         return self.stream.description
 
     def blocks(self, block_s: float = BLOCK_S) -> Iterator[Telemetry]:
-        """Split the telemetry into blocks of ``block_s``, or of 20 samples if these are longer.
+        """Yield the telemetry in blocks of ``block_s``, or of 20 samples if these are longer.
 
         Blocks have at least 20 samples because each has a fixed cost. Stamps are shifted by
         ``shift_ns``.

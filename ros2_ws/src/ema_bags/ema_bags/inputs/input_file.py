@@ -44,7 +44,7 @@ class InputFile(ABC):
 
     @abstractmethod
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Split a table where the given columns change; yield their values and the rows.
+        """Yield the parts of a table in which the given columns are constant, with their values.
 
         Raises
         ------

@@ -64,7 +64,10 @@ class InputTable(InputFile):
         return {"": table_series(self._columns, mapping)}
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Split the table where the given columns change; yield their values and the rows."""
+        """Yield the parts of the table in which the given columns are constant, with their values.
+
+        The values come first in each pair.
+        """
         for values, rows in self._columns.parts(columns):
             part = copy(self)
             part._columns = rows

@@ -100,7 +100,7 @@ class ThinnedMotion:
 
     @property
     def turned(self) -> float:
-        """Total rotation of the user shaft, integrated from the speed [rad]."""
+        """Total rotation of the user shaft, integrated from the speed [rad]; 0 without a speed."""
         return float(np.sum(np.abs(self.angle)))
 
     @property
@@ -186,7 +186,8 @@ class ThinnedMotion:
         """Correlation of current and speed after removing inertia, gravity and constant load [-].
 
         Because friction dissipates energy, it is positive if the sign of the current is right. None
-        if the current is not measured or there is no fast motion in both directions.
+        if the current is not measured, if there is no fast motion in both directions, or if
+        inertia, gravity and constant load explain the current or the speed completely.
         """
         if self.current is None:
             return None
@@ -228,7 +229,7 @@ class ThinnedMotion:
         """Compare the measured current with the current that inertia and friction require.
 
         Return the ratio of their RMS values and their correlation [-]; None if the current is not
-        measured or there is no motion.
+        measured or constant, or if there is too little motion.
         """
         if self.current is None:
             return None

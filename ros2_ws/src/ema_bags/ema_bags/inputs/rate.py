@@ -95,7 +95,10 @@ def _first_period(stamps_ns: NDArray[np.int64], steps: NDArray[np.float64]) -> f
 
 
 def _common_period(period: float) -> float:
-    """Round the period to a common rate, or else to whole hertz, if within 0.2 %."""
+    """Return the period of a common rate, or else of whole hertz, within 0.2 % of ``period`` [s].
+
+    If there is none, ``period`` is returned.
+    """
     rate = 1.0 / period
     nearest = min(_COMMON, key=lambda item: abs(item / rate - 1.0))
     if abs(nearest / rate - 1.0) <= _COMMON_WITHIN:

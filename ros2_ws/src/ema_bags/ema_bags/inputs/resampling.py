@@ -136,7 +136,10 @@ class Resampler:
     def _increasing(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Yield segments with increasing stamps, split at backward clock steps."""
+        """Yield segments with increasing stamps, split at backward clock steps.
+
+        Samples that repeat the previous stamp are counted and dropped.
+        """
         nearest = NEAR * self._period_ns if self._rate.is_regular else 1.0
         while len(stamps_ns):
             first = stamps_ns[0] if self._last_ns is None else self._last_ns

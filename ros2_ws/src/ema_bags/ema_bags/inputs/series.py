@@ -140,8 +140,9 @@ class Collector:
         return [*self._topics, *self._names]
 
     def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> None:
-        """Add a message, unless it lacks a mapped field.
+        """Add a message; it is counted as rejected if it lacks a mapped field.
 
+        Messages of topics that are not mapped are ignored.
         Parameters
         ----------
         sent_ns

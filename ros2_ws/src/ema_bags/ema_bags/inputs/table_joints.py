@@ -121,7 +121,10 @@ class TableJoints:
         return guesses
 
     def _outside(self, families: Sequence[JointNames]) -> list[Guess]:
-        """Return the joint among the columns that belong to no family, such as a gripper."""
+        """Return the joint among the columns that belong to no family, such as a gripper.
+
+        The list is empty if there is none.
+        """
         used = {name for family in families for name in family.columns.values()}
         remaining = [name for name in self._names if name not in used]
         named = [
@@ -318,7 +321,11 @@ def _with_joint_side(
 def _chosen(
     kinds: Mapping[str, set[str]], recognised: _Recognised, doubts: list[Doubt]
 ) -> dict[str, str]:
-    """Return a column name per quantity, identified from the motion or else from the names."""
+    """Return a column name per quantity, identified from the motion or else from the names.
+
+    ``kinds`` has the quantities that the name of each column suggests. Doubts are appended to
+    ``doubts``.
+    """
     physical = dict(recognised.joint.columns) if recognised.joint else {}
     if not physical:
         doubts.append(Doubt(DoubtKind.NO_MOTION))

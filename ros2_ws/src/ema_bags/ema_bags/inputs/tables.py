@@ -102,7 +102,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
 
 
 def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
-    """Return the table with a column of times added."""
+    """Add a column of times to a table, partly in place, and return the table."""
     columns.values[name] = times.values
     if times.problem:
         columns.problems[name] = times.problem
