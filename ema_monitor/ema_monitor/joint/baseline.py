@@ -63,9 +63,11 @@ class Shortcoming(Enum):
     FEW_RECORDS = auto()
     """There are fewer than five records."""
     ONE_SPEED = auto()
-    """The speed hardly varies: viscous and Coulomb friction are not distinguishable."""
+    """The speed hardly varies: viscous and Coulomb friction are not distinguishable. It is not
+    reported if the model leaves too much of the effort unexplained."""
     UNEXPLAINED_EFFORT = auto()
-    """The model does not explain a large part of the effort."""
+    """The model does not explain a large part of the effort, and the records do not determine both
+    inertia and viscous friction."""
     UNCERTAIN_FRICTION = auto()
     """Effort outside the model makes the friction uncertain by more than 15 %."""
 
@@ -100,7 +102,7 @@ class Baseline:
 
     @cached_property
     def healthy(self) -> Array:
-        """Healthy coefficients, ``(5,)``."""
+        """Healthy coefficients: the mean over the records weighted by precision, ``(5,)``."""
         weights = 1.0 / (np.diagonal(self.covariances, axis1=1, axis2=2) + self.prior_sigmas**2)
         return np.sum(weights * self.values, axis=0) / np.sum(weights, axis=0)
 
@@ -111,7 +113,7 @@ class Baseline:
 
     @cached_property
     def repeats(self) -> bool:
-        """Whether the healthy records repeat one motion."""
+        """Whether the healthy records repeat one motion; False for fewer than three records."""
         if len(self.records) < _FEWEST_REPEATED:
             return False
         steps = [
@@ -124,8 +126,8 @@ class Baseline:
     def distance(self, record: JointRecord) -> float:
         """Return how far the speed and travel of a record are outside the healthy range [-].
 
-        The distance is the logarithm of the ratio to the nearest healthy value. The larger distance
-        of speed and travel is returned; it is 0 within the healthy range.
+        The distance is the logarithm of the ratio to the nearest healthy value. The larger of
+        the distances of speed and travel is returned; it is 0 within the healthy range.
         """
         return _outside(self._motions, np.log([record.usual_speed, record.travel]))
 
@@ -207,7 +209,7 @@ class Baseline:
         return self.with_labels(kept)
 
     def states(self) -> dict[str, int]:
-        """Return the number of records of each state."""
+        """Return the number of records of each state, including ``HEALTHY``."""
         return Counter([HEALTHY] * len(self.records) + [label.state for label in self.labelled])
 
     def extended(self, records: int, days: int) -> "Baseline":
@@ -292,6 +294,9 @@ class Baseline:
 
 
 def _outside(healthy: Array, values: Array) -> float:
-    """Return the largest distance of values, ``(k,)``, from the healthy range, ``(n, k)``."""
+    """Return the largest distance of values, ``(k,)``, from the range of ``healthy``, ``(n, k)``.
+
+    The distance is 0 within the range.
+    """
     excess = np.maximum(healthy.min(axis=0) - values, values - healthy.max(axis=0))
     return float(np.max(excess, initial=0.0))

@@ -87,7 +87,10 @@ class Comparer:
     from the healthy records, which is not possible with hypothetical records."""
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
-        """Return the comparison of a record with the baseline, with proposed improvements."""
+        """Return the comparison of a record with the baseline.
+
+        Unless ``with_improvements`` is False, it proposes improvements of the baseline.
+        """
         comparison = _Test(self, record).result()
         if with_improvements:
             comparison = replace(comparison, improvements=self.improvements)
@@ -243,12 +246,15 @@ class Comparer:
 
     @cached_property
     def smallest_changes(self) -> Mapping[str, float]:
-        """Smallest detectable change of each quantity on a day without healthy records."""
+        """Smallest detectable change on a day without healthy records, by quantity.
+
+        Quantities without a coefficient of the effort model are omitted.
+        """
         return _Test(self, self._typical).smallest_changes()
 
     @cached_property
     def smallest_changes_of_a_day(self) -> Mapping[str, float]:
-        """Smallest detectable change of each quantity on a day with healthy records."""
+        """Smallest detectable change on a day with healthy records, by quantity."""
         stamp_ns = self.baseline.records[-1].stamp_ns
         record = replace(self._typical, stamp_ns=stamp_ns)
         return _Test(self, record).smallest_changes()
@@ -269,7 +275,10 @@ class Comparer:
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
-        """Further healthy records that would lower the smallest detectable change of friction."""
+        """The further healthy records that would best lower the detection limit of friction.
+
+        The result is empty if no proposal lowers the smallest detectable change by 10 %.
+        """
         present, improvements = self.smallest_changes[FRICTION], []
         for days in (0, _MORE_DAYS):
             extended = Comparer(
@@ -300,8 +309,8 @@ class _Test:
 
         Effort outside the model causes similar errors in all healthy records. If the record has
         more or less of such effort, for example because of a different part in the gripper, the
-        difference between the errors remains. It is 0 if the errors of the healthy records are
-        small or unknown.
+        difference between the errors remains. It is 0 if the record's error is within the range of
+        the healthy records, if an error is unknown, or if the healthy friction is certain.
         """
         if not self._baseline.is_friction_uncertain:
             return 0.0
@@ -346,7 +355,10 @@ class _Test:
         return Comparison(ordered, figures.figures, min(1.0, count * least), states or None)
 
     def _is_effect_of(self, play: QuantityChange) -> bool:
-        """Return whether a change of the play explains the departure of the coefficients."""
+        """Return whether a change of the play explains the departure of the coefficients.
+
+        It does if the play has changed and the dry friction differs by less than 10 %.
+        """
         friction = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
@@ -404,7 +416,10 @@ class _Test:
         return costs
 
     def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the quantities that explain the departure best, and their rivals."""
+        """Return the quantities that explain the departure best, and their rivals.
+
+        Rivals are quantities that explain the departure nearly as well.
+        """
         costs = self.costs
         order = np.argsort(costs)
         close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _DISTINCT_COST]

@@ -34,7 +34,8 @@ class QuantityChange:
     """Whether the quantity has changed."""
     change: float = math.nan
     """Ratio of measured to healthy value, minus 1 [-]; for an absolute change, measured minus
-    healthy value, in ``unit``. NaN if the quantity is not judged."""
+    healthy value, in ``unit``. NaN if there is no estimate; ``is_estimated`` excludes estimates
+    that may belong to a rival."""
     low: float = math.nan
     """Lower end of the 90 % interval of ``change``."""
     high: float = math.nan
@@ -114,12 +115,13 @@ class Comparison:
     probability: float = math.nan
     """Probability that a healthy record differs at least as much; NaN if nothing is judged."""
     states: Mapping[str, float] | None = None
-    """Probabilities of the labelled states, the largest first."""
+    """Probabilities of the healthy and labelled states and of ``NONE_OF_THESE``, the largest first;
+    None if no states are compared."""
     improvements: tuple[Improvement, ...] = ()
     """Healthy records that would lower the smallest detectable changes, the most useful first."""
 
     def __getitem__(self, name: str) -> QuantityChange:
-        """Return the change of the quantity ``name``."""
+        """Return the change of the quantity ``name``, a name in ``QUANTITIES``."""
         return next(quantity for quantity in self.quantities if quantity.name == name)
 
     @property
@@ -136,7 +138,7 @@ class Comparison:
 
     @property
     def doubtful(self) -> tuple[QuantityChange, ...]:
-        """The quantities that differ by more than usual variation, but not significantly."""
+        """The quantities that may have changed: their change is estimated, but not judged."""
         return tuple(
             quantity
             for quantity in self.quantities

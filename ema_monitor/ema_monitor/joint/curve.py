@@ -14,7 +14,10 @@ from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 from ema_monitor.joint.single import INTERVAL
 
 SLOWEST: Final = 0.06
-"""Slowest speed of a curve, relative to the usual speed [-]. Records exclude slower rows."""
+"""Slowest speed of a curve, relative to the usual speed [-].
+
+If viscous friction is not fitted, a curve begins at a higher speed.
+"""
 
 _NEARLY_ONE_SPEED: Final = 0.7
 _POINTS: Final = 12
@@ -25,13 +28,13 @@ class FrictionCurve(NamedTuple):
     """Friction as a function of speed, ``(n,)`` each."""
 
     speed: Array
-    """Speeds in ascending order, from minus to plus the usual speed [rad/s]."""
+    """Speeds in ascending order, from minus to plus the usual speed without slow speeds [rad/s]."""
     healthy_low: Array
     """Lower end of the 90 % band of healthy friction [A]."""
     healthy_high: Array
     """Upper end of the 90 % band of healthy friction [A]."""
     latest: Array
-    """Friction of the record [A]; NaN at speeds that the record does not cover."""
+    """Friction of the record [A]; NaN at speeds with fewer than three rows."""
 
 
 def friction_curve(comparer: Comparer, record: JointRecord, signals: Signals) -> FrictionCurve:

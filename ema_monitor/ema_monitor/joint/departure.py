@@ -83,7 +83,7 @@ class Change(NamedTuple):
 
     @property
     def departed(self) -> DepartedFigure:
-        """The figure as a departed figure."""
+        """Ratio of the figure to its healthy value; for a level, both values as well."""
         if self.figure.is_logarithm:
             return DepartedFigure(self.name, math.exp(self.test.change))
         ratio = self.test.value / self.healthy if self.healthy > 0.0 else math.nan
@@ -100,9 +100,10 @@ class Change(NamedTuple):
         return change / self.healthy if self._has_ratio else change
 
     def would_depart(self, smallest_change: float) -> WouldDepart:
-        """Return the reason that the figure would depart on a day with healthy tests.
+        """Return the figure as a figure that would depart on a day with healthy tests.
 
-        ``smallest_change`` is the smallest change that departs on the day of the test.
+        ``smallest_change`` is the smallest change of the figure that is detected on the day of the
+        test.
         """
         shown = self._shown(self.test.change), self._shown(smallest_change)
         return WouldDepart(self.name, *shown, self._has_ratio)
@@ -159,6 +160,9 @@ def departure_of(
     significance: float = SIGNIFICANCE,
 ) -> Departure:
     """Return the departure of a test from the healthy tests of its unit.
+
+    If the test does not depart and its day has no healthy tests, it is also compared as a test of
+    the nearest day with healthy tests (``would_depart``).
 
     Parameters
     ----------

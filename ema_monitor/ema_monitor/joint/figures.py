@@ -56,6 +56,8 @@ def figures_of(
 ) -> dict[str, float]:
     """Return the model-free figures of a record by name, without figures it does not determine.
 
+    Figures of a single direction have the direction in their name.
+
     Parameters
     ----------
     telemetry

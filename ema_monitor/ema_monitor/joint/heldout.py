@@ -32,7 +32,7 @@ def general_design(signals: Signals, *, is_linear: bool) -> Array:
 
 
 def halves(signals: Signals) -> tuple[Signals, Signals]:
-    """Split a record into its even and odd strokes."""
+    """Return the even strokes and the odd strokes of a record; each half has both directions."""
     chosen = signals.every_other_stroke()
     return signals.at(chosen), signals.at(~chosen)
 

@@ -58,9 +58,12 @@ def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
     """Return the lag of the effort behind the motion in a record.
 
     The lag minimises the squared residual of a model with inertia, viscous and Coulomb friction,
-    gravity and a constant, fitted to steady motion and reversals. The standard deviation follows
-    from the curvature of the squared residual, with one independent residual per three standard
-    deviations of the filter.
+    gravity and a constant, fitted to steady motion and reversals. The standard deviation is
+    computed from the curvature of the squared residual, with one independent residual per three
+    standard deviations of the filter.
+
+    If there is too little motion, or no minimum within ``LONGEST_LAG_S``, the result is
+    ``UNKNOWN_LAG``.
     """
     misfit = _Misfit(fine, preparation)
     if not misfit.is_enough:
@@ -78,8 +81,8 @@ def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
 
     The lag minimises the total misfit of all records in steady motion. Reversals are excluded,
     because play, and friction that does not follow the sign of the speed, shift the lag there. The
-    model includes jerk and snap if the preparation is elastic. If the lag does not reduce the
-    misfit by 10 %, the lag of the preparation is returned.
+    model includes jerk and snap if the preparation is elastic. The lag of the preparation is
+    returned if there is too little motion, or the lag does not reduce the RMS misfit by 10 %.
     """
     misfits = [_Misfit(block, preparation, is_steady=True) for block in blocks]
     misfits = [misfit for misfit in misfits if misfit.is_enough]
@@ -175,7 +178,8 @@ def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
 def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
     """Return a lag with its shift relative to the healthy records.
 
-    The shift is 0 if it is not significant.
+    The shift is 0 if it is not significant, or if the lag of the record or of all healthy records
+    is unknown.
 
     Parameters
     ----------

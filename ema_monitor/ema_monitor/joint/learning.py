@@ -55,7 +55,8 @@ def learn(
     Raises
     ------
     ValueError
-        If there is no record, or the records do not determine the friction of the joint.
+        If there is no record, two records are identical, no record can be used, or the records do
+        not determine the friction of the joint.
     """
     if not records:
         raise ValueError("a baseline needs at least one healthy record, got none")

@@ -39,17 +39,18 @@ class MoveVerdict:
     ratio: float
     """Geometric mean of the ratios of the figures to their healthy values [-]."""
     level: int
-    """OK, WARN if the move departs, ERROR above the limit, or STALE for a reference move."""
+    """OK, WARN if the move departs, ERROR if the ratio reaches the limit, or STALE for a reference
+    move."""
     departure: Departure | None = None
     """Departure from the reference moves; None for a reference move."""
     life_days: tuple[float, float, float] | None = None
     """5, 50 and 95 % quantiles of the time to the limit [d]; None without a prediction."""
     missing: int = 0
-    """Number of reference moves that are missing after a reference move."""
+    """Number of further reference moves that are needed; 0 after the last of them."""
 
     @property
     def probability(self) -> float:
-        """Probability that a healthy unit departs at least as much."""
+        """Probability that a healthy unit departs at least as much; 1 for a reference move."""
         return self.departure.probability if self.departure else 1.0
 
 
@@ -145,8 +146,8 @@ class MoveSeries:
 def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
     """Return the probability that a regression line does not rise, and random times to a limit [d].
 
-    The times are drawn from the distribution of the rising lines; there are none for fewer than
-    three points.
+    The times are drawn from the distribution of the rising lines. For fewer than three points, or
+    points of a single time, the probability is 1 and there are no times.
     """
     freedom = len(days) - 2
     if freedom < 1 or not np.ptp(days) > 0.0:

@@ -90,7 +90,7 @@ def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
 
 
 def _bounds(direction: Array) -> list[tuple[int, int]]:
-    """Return the start and end sample of each part, which has a whole number of cycles.
+    """Return the start and end sample of each part; each part has a whole number of cycles.
 
     Parameters
     ----------
@@ -149,11 +149,14 @@ def _log_ripple(values: Array, position: Array, order: int) -> float:
 
 
 def steps_within(values: Array, chosen: Flags) -> Array:
-    """Return the differences between neighbouring samples that are both chosen."""
+    """Return the differences between neighbouring samples that are both chosen.
+
+    Without such neighbours, the result is a single 0.
+    """
     steps = np.diff(values)[chosen[1:] & chosen[:-1]]
     return steps if len(steps) else np.zeros(1)
 
 
 def log_rms(values: Array) -> float:
-    """Return the logarithm of the root mean square of values."""
+    """Return the logarithm of the root mean square of values, which counts as at least 1e-12."""
     return 0.5 * math.log(max(float(np.mean(values**2)), _TINY**2))

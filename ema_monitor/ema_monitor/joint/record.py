@@ -148,7 +148,7 @@ def read_record(
         Preparation of the unit's records, and effort model of the unit.
     healthy
         Prior means of the coefficients, ``(5,)``, for coefficients that the record does not
-        determine.
+        determine. None has the meaning described in `fit_record`.
     temperature
         Measured rise of the winding temperature [K].
     prepared

@@ -14,7 +14,7 @@ def renewed(telemetry: Telemetry) -> Telemetry:
     A position that repeats each value k times lags by (k - 1) / 2 samples, which looks like a
     change of the tracking lag. An irregularly updated position also looks rough. Speed and effort
     are interpolated as well if they repeat their values, so that all columns have the same delay.
-    Without repetition, the telemetry is returned unchanged.
+    If the position does not repeat its values, the telemetry is returned unchanged.
     """
     if _longest_update("position", telemetry.position) < 2:
         return telemetry

@@ -27,10 +27,11 @@ _TINY: Final = 1e-12
 def with_ripples(
     preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
 ) -> tuple[Preparation, list[Signals]]:
-    """Return a preparation with all ripples that improve the prediction, and the prepared records.
+    """Return a preparation with the ripples that improve the prediction, and the prepared records.
 
-    The search for a ripple uses every other stroke of each record. A ripple is accepted if it
-    reduces the prediction error on the remaining strokes by 5 % (geometric mean over the records).
+    At most two ripples are added. The search for a ripple uses every other stroke of each record. A
+    ripple is accepted if it reduces the prediction error on the remaining strokes by 5 % (geometric
+    mean over the records).
 
     Parameters
     ----------
@@ -68,7 +69,10 @@ def with_ripples(
 def _lowest(
     left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]
 ) -> float:
-    """Return the wave number at the minimum of the parabola through (wave number, error) points."""
+    """Return the wave number at the minimum of the parabola through (wave number, error) points.
+
+    It is limited to the interval between the points. Without a minimum, it is the middle point.
+    """
     size = middle[0] - left[0]
     bend = left[1] - 2.0 * middle[1] + right[1]
     offset = 0.5 * (left[1] - right[1]) / bend if bend > 0.0 else 0.0
@@ -80,8 +84,8 @@ def _strongest(
 ) -> float | None:
     """Return the wave number of the strongest ripple in the residuals [1/rad].
 
-    The search excludes ripples that the filter suppresses even in slow strokes. Returns None if no
-    ripple explains enough of the residuals.
+    The search excludes ripples that the filter suppresses even in slow strokes. The result is None
+    if no ripple explains enough of the residuals.
     """
     sigma_s = filter_sigma(preparation.cutoff_hz)
     parts = [_Half(halves(record)[0], sigma_s, is_linear=is_linear) for record in records]

@@ -85,10 +85,17 @@ class Prediction(NamedTuple):
         return x
 
     def smallest_change(self, significance: float, power: float) -> float:
-        """Return the smallest change that a two-sided test detects with a given power.
+        """Return the smallest increase that a two-sided test detects with a given probability.
 
-        The limit of the test includes the prior of the scatter. The power is computed from the
-        scatter of the unit's records alone.
+        The detection threshold is a quantile of the prediction with the prior of the scatter. The
+        scatter of the increased value is predicted from the unit's records alone.
+
+        Parameters
+        ----------
+        significance
+            Probability that the test detects a change in a healthy record [-].
+        power
+            Probability that the test detects the increase [-].
         """
         limit = self.quantile(1.0 - 0.5 * significance)
         return limit - self._without_prior.quantile(1.0 - power)
@@ -186,7 +193,8 @@ class Scatter:
         day
             Day of the new record; None for a day without healthy records.
         covariates
-            Conditions of the new record, ``(k,)``.
+            Conditions of the new record, ``(k,)``; None for mean conditions. They are ignored if
+            the model has no covariates.
         """
         row = np.ones(self._beta.shape[1])
         if covariates is not None and len(row) > 1:

@@ -120,7 +120,7 @@ class Shape:
 
     @property
     def friction_scale(self) -> float:
-        """Dry friction, the reference of relative changes [A]."""
+        """Healthy Coulomb friction, the reference of the dry friction's coefficient [A]."""
         return abs(self.coulomb)
 
 
@@ -231,7 +231,7 @@ class _Record:
 
 
 def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
-    """Return the effort model with the smallest cross-validation error on healthy records.
+    """Return the effort model whose terms are selected by cross-validation on healthy records.
 
     A term is accepted if its sign is physical and it reduces the error on the held-out record by
     5 % (geometric mean over the records). The coefficients of the held-out record are fitted to
@@ -293,7 +293,10 @@ def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
-    """Return the model without coefficients that the motion of the records does not determine."""
+    """Return the model without coefficients that the motion of the records does not determine.
+
+    ``unexplained`` is set as well.
+    """
     fits = [fit_record(shape, record) for record in records]
     covariance = np.median([fit.covariance for fit in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
@@ -375,10 +378,10 @@ def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
 
 
 def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shape | None:
-    """Fit the common terms together with the free coefficients of each record.
+    """Return the model with the common terms fitted together with the free coefficients.
 
-    Returns None if the fit is unphysical: the friction is negative, or a Stribeck or load term is
-    out of range.
+    The result is None if the fit is unphysical: the friction is not positive, or a Stribeck or load
+    term is out of range.
     """
     columns = terms.columns
     designs = [record.common[:, columns] for record in records]
@@ -398,7 +401,7 @@ def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shap
 def _pooled(
     records: Sequence[_Record], terms: _Terms, centre: float, designs: Sequence[Array]
 ) -> Shape | None:
-    """Fit the common terms to all records; return None if the fit is unphysical.
+    """Return the model with the common terms fitted to all records; None if it is unphysical.
 
     ``designs`` holds the columns of the terms for each record, with the load last.
     """

@@ -74,7 +74,7 @@ class Preparation(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """Rows of a record in steady motion, away from reversals, ``(n,)`` each."""
+    """Rows of a record in steady motion, away from reversals, ``(n,)`` or ``(n, k)`` each."""
 
     effort: Array
     """Effort [A]."""
@@ -87,7 +87,8 @@ class Signals:
     direction: Array
     """Filtered sign of the speed [-]."""
     stribeck: Array
-    """Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``."""
+    """Filtered ``sign(v) exp(-(v / v_s)^2)``, ``(n, 3)``: a column for each of
+    ``STRIBECK_SPEEDS``."""
     free: Array
     """Terms of the preparation, with coefficients fitted to each record, ``(n, k)``: filtered sine
     and cosine of the position for each ripple; jerk [rad/s^3] and snap [rad/s^4] of an elastic
@@ -158,7 +159,8 @@ def motion_band(telemetry: Telemetry) -> float:
     The noise of the position, estimated from the upper quarter of its spectrum, is subtracted.
     Spectral lines below twelve times the noise power are ignored; white noise exceeds this limit in
     one of 160,000 lines. Lines with an amplitude below the resolution of the position are ignored
-    as well, because quantisation at a constant speed causes strong lines.
+    as well, because quantisation at a constant speed causes strong lines. If no line remains, the
+    frequency is 0.
     """
     position = telemetry.position - np.mean(telemetry.position)
     n = len(position)
@@ -327,7 +329,7 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
 
 
 def usual_speed(fine: Fine, cutoff_hz: float) -> float:
-    """Return the 95 % quantile of the speed in the usable motion of a record [rad/s]."""
+    """Return the 95 % quantile of the speed in a record's usable motion [rad/s]; 0 without any."""
     sigma = _SIGMA_CUTOFF / cutoff_hz / fine.step_s
     if fine.speed is None:
         speed = np.gradient(smoothed(fine.position, sigma), fine.step_s)

@@ -74,7 +74,10 @@ def _running_median(values: Array) -> Array:
 
 
 def _is_spike(departure: Array, at: int) -> bool:
-    """Return whether a sample departs from the running median by more than the noise near it."""
+    """Return whether a sample departs from the running median by more than eight times the noise.
+
+    The noise is estimated from the samples near it.
+    """
     near = departure[max(0, at - _NEAR) : at + _NEAR + 1]
     noise = _NORMAL * float(np.median(np.abs(near)))
     return bool(abs(departure[at]) > _LEAST_DEPARTURE * noise)

@@ -61,7 +61,7 @@ class Standstill:
 
 
 def standstill_of(telemetry: Telemetry, baseline: Baseline) -> Standstill:
-    """Classify the standstill of a record by its effort and the travel of its command."""
+    """Return the standstill of a record, with its cause from effort and command travel."""
     travel = float(np.ptp(telemetry.command))
     least_travel = _FAR * min(record.travel for record in baseline.records)
     effort = float(np.quantile(np.abs(telemetry.current), _LARGE_EFFORT))

@@ -32,7 +32,7 @@ class Example(NamedTuple):
     """A test or record with a known state, to train the classifier."""
 
     state: str
-    """Healthy, or the label of the test or record."""
+    """``HEALTHY``, or the label of the test or record."""
     test: DatedFigures
     """Mean figures and day of the test."""
     stretches: Sequence[Mapping[str, float]]
@@ -105,7 +105,8 @@ def probabilities(
 def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str, float]:
     """Return the probability of each state for a record, the most probable first.
 
-    The result is empty if the baseline has no labelled states, or too few examples.
+    The result is empty if the baseline has no labelled states, fewer than two states have enough
+    examples, or the parts have no common figure.
     """
     if not baseline.labelled:
         return {}

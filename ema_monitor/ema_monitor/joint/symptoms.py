@@ -35,7 +35,10 @@ class _Healthy(NamedTuple):
 
 
 class Symptom(NamedTuple):
-    """Change of a quantity, and the probability of such a change in a healthy record."""
+    """Change of a quantity, and the probability of such a change in a healthy record.
+
+    The probability is 1 if the quantity is unchanged or not judged.
+    """
 
     change: QuantityChange
     probability: float = 1.0
@@ -49,7 +52,7 @@ def _unjudged(name: str, cause: Unjudged) -> Symptom:
 class Symptoms(NamedTuple):
     """Model-free figures that differ, the most significant first.
 
-    ``probability`` is the smallest probability of all compared figures.
+    ``probability`` is the smallest probability of all compared figures; 1 without any.
     """
 
     figures: tuple[FigureChange, ...]
@@ -66,8 +69,9 @@ class SymptomComparer:
         """Return the change of the play.
 
         Friction increases the lost motion by winding up the gear. The play has changed only if the
-        lost motion grows by more than twice the wind-up that the friction ratio explains. The play
-        is not judged if a load on one side closes it.
+        lost motion grows significantly beyond twice the wind-up that the friction ratio explains.
+        The play is not judged if the lost motion is unknown or too small, or falls significantly
+        because a load on one side closes the play.
         """
         healthy = self._play
         if isinstance(healthy, Unjudged):
@@ -94,7 +98,11 @@ class SymptomComparer:
         return Symptom(change, test.probability if is_changed else 1.0)
 
     def tracking(self, record: JointRecord) -> Symptom:
-        """Return the change of the tracking lag."""
+        """Return the change of the tracking lag.
+
+        The lag is not judged without a moving command in the record and in the healthy records. A
+        change that is negligible at the bandwidth of the motion is not a change.
+        """
         healthy = self._tracking
         if healthy is None or not are_finite(record.lag_s, record.lag_sigma):
             return _unjudged(TRACKING, self._no_tracking(record))
@@ -174,7 +182,7 @@ class SymptomComparer:
 
     @cached_property
     def _tracking(self) -> _Healthy | None:
-        """Tracking lag of the healthy records [s]; None without a command."""
+        """Tracking lag of the healthy records [s]; None if no record has a moving command."""
         observed = [
             Observation(record.lag_s, record.lag_sigma, record.day)
             for record in self.baseline.records
@@ -215,7 +223,7 @@ def _motion_sensitivity(name: str) -> float:
 
 
 def _error(name: str, record: JointRecord) -> float:
-    """Return the standard deviation of a figure's error [-].
+    """Return the standard deviation of a figure's error [-]; 0 except for the effort scatter.
 
     About half of the effort rows are independent.
     """

@@ -103,7 +103,8 @@ class WindowBaseline:
     def with_labels_of(self, source: Self) -> Self:
         """Return the baseline with its labelled tests replaced by the labelled tests of ``source``.
 
-        Labelled windows are omitted if no healthy window has a similar motion.
+        Labelled windows are omitted if they belong to the healthy windows of this baseline, or if
+        no healthy window has a similar motion.
         """
         healthy = [window.figures for window in self.healthy]
         labelled = [
@@ -141,7 +142,7 @@ class WindowBaseline:
         return tuple(window for window in self.windows if not window.test)
 
     def states(self) -> dict[str, int]:
-        """Return the number of tests of each state."""
+        """Return the number of tests of each state; each healthy window counts as a test."""
         return Counter(window.state for window in _tests(self.windows, 1))
 
     def departure(self, stamp_ns: int, windows: Sequence[WindowFigures]) -> Departure | None:
@@ -152,8 +153,10 @@ class WindowBaseline:
         of consecutive healthy windows, so that their scatter is comparable. If there would be fewer
         than ``FEWEST`` means, they are taken over fewer windows.
 
-        Returns None if nothing can be compared and no state is labelled: there is no window, no
-        motion or load has ``FEWEST`` healthy windows, or the healthy windows do not repeat motions.
+        The result is None if the healthy windows do not repeat motions, or there is no window. If
+        no motion and load has ``FEWEST`` healthy windows, the test cannot be compared. With
+        labelled states, the result is then a departure with probability 1 and the reason in
+        ``unnamed``; without them, it is None.
 
         Parameters
         ----------

@@ -46,7 +46,7 @@ WINDOW_FIGURES: Final = {
     },
     "friction_current": _LEVEL,
 }
-"""Figures of a window, by name; scatter and roughness are logarithms."""
+"""Figures of a window, by name: scatter and roughness are logarithms, currents are levels [A]."""
 
 
 @dataclass(frozen=True)

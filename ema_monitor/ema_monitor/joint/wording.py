@@ -55,7 +55,8 @@ def summary(comparison: Comparison) -> str:
 def finding(comparison: Comparison) -> str:
     """Return sentences about the changed quantities, without the final full stop.
 
-    If nothing has changed, the smallest detectable change of friction is stated.
+    If nothing has changed and nothing may have changed, the smallest detectable change of friction
+    is stated. If no quantity is judged, the reasons are stated.
     """
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(reason for item in comparison.quantities for reason in item.reasons)
@@ -275,9 +276,10 @@ def _friction_limit(comparison: Comparison) -> str:
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
-    """Return a phrase with the quantities that are not judged, grouped by reason.
+    """Return a list with one phrase about the quantities that are not judged, grouped by reason.
 
-    Rivals of a changed quantity are omitted. The list is empty if there are no such quantities.
+    Rivals of a changed quantity are omitted. The list is empty if there are no such quantities, or
+    no quantity is judged.
     """
     by_reason: dict[tuple[Reason, ...], list[str]] = {}
     for item in comparison.quantities:
@@ -361,7 +363,10 @@ def friction_advice(baseline: Baseline) -> str:
 
 
 def _lag_sentences(lag_s: float) -> list[str]:
-    """Return a remark on a large lag of the effort that its acquisition does not explain."""
+    """Return a list with a remark on a lag of the effort that its acquisition does not explain.
+
+    The list is empty if the lag is below 20 ms.
+    """
     if abs(lag_s) < _LARGE_LAG_S:
         return []
     relation = "later" if lag_s > 0.0 else "earlier"

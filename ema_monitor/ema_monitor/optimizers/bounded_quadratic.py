@@ -11,7 +11,10 @@ from ema_core.arrays import Array
 
 @kernel()
 def room(x, move):
-    """Return the largest multiple of a component's move that stays in the box [-]; may exceed 1."""
+    """Return the largest multiple of a component's move that stays in the box [-]; may exceed 1.
+
+    It is inf for a move of 0.
+    """
     if move == 0.0:
         return math.inf
     return ((1.0 - x) if move > 0.0 else x) / abs(move)
@@ -19,7 +22,7 @@ def room(x, move):
 
 @kernel()
 def slope_at(x, hessian, gradient, start):
-    """Return the gradient at ``x``, ``(d,)``; ``gradient`` is the gradient at ``start``."""
+    """Return a quadratic function's gradient at ``x``, ``(d,)``, from the gradient at ``start``."""
     slope = gradient.copy()
     for i in range(len(x)):
         for j in range(len(x)):

@@ -71,9 +71,10 @@ def minimise(
     *,
     reserve: int = 0,
 ) -> Iterator[Progress]:
-    """Run an optimizer and yield its progress after every generation.
+    """Yield the progress of a search after every generation.
 
-    To cancel the search, stop iterating.
+    The search ends if the optimizer has converged, the stop rule is reached, or the next generation
+    would exceed the budget. To cancel the search, stop iterating.
 
     Parameters
     ----------

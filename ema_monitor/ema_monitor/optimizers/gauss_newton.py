@@ -107,8 +107,8 @@ class Stopping(NamedTuple):
     """The descent ends after a step that is shorter in every component, ``(d,)``."""
     promise: float = 0.0
     """Smallest predicted gain of a full step at which the descent continues, relative to the cost
-    [-]. The descent also ends if the fit is good and the cost after the step agrees with the
-    prediction within this share."""
+    [-]. The descent also ends if the full step is taken, the fit is good, and the cost agrees with
+    the prediction within this share."""
     good_cost: float = 0.0
     """Highest cost of a good fit."""
 
@@ -157,7 +157,10 @@ class Descent:
         return [full[None]] if self.done else groups
 
     def accept(self, trials: Array, costs: Array, residuals: Array) -> bool:
-        """Move to the best trial point if its gain is large enough; return whether it moved."""
+        """Move to the best trial point if its gain is large enough; return whether it moved.
+
+        ``done`` is set if the step meets a condition of `Stopping`.
+        """
         stopping, best = self.stopping, int(np.argmin(costs))
         cost = float(costs[best])
         self.search = self.search.after(best)
@@ -186,7 +189,7 @@ class Problem(NamedTuple):
 def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping) -> Descent:
     """Return the finished descent from the best of several starts, ``(m, d)``.
 
-    The descent ends early if a derivative is not finite.
+    The descent ends early if the cost of the best start or a derivative is not finite.
     """
     residuals, costs = _evaluated(problem, starts)
     first = int(np.argmin(costs))

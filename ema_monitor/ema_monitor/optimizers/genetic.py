@@ -100,7 +100,7 @@ def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Arr
 
 
 def mutated(parents: Array, step: float, rng: "np.random.Generator") -> Array:
-    """Return mutants, ``(m, d)``, at the distance ``step`` from their parents, within the box."""
+    """Return mutants, ``(m, d)``, at a distance ``step`` from their parents, clipped to the box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.clip(parents + step * directions, 0.0, 1.0)

@@ -90,7 +90,7 @@ def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator
     """Return the next positions of wolves at ``points``, ``(m, d)``, within [0, 1].
 
     ``leaders`` are shared by all wolves, ``(3, 1, d)``, or individual, ``(3, m, d)``. ``a`` limits
-    the distance between target and leader, relative to the distance between wolf and leader [-].
+    the magnitude of ``A`` [-].
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
     A, C = 2.0 * a * r_1 - a, 2.0 * r_2

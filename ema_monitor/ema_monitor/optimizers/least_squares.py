@@ -34,8 +34,9 @@ class ScreenedLeastSquares:
     descents in one batch, then their trial steps in another, with several dampings near the best
     damping of the previous iteration. After each iteration, the worse half of the descents is
     dropped until a single descent remains. A descent ends if the evaluated or predicted gain of a
-    step is small, or if an undamped step leads to a good fit as the linear model predicts. A
-    component at its bound is fixed while the step would leave the box.
+    step is small, if the step is short, or if an undamped step leads to a good fit as the linear
+    model predicts. It ends after 25 iterations at the latest. A component at its bound is fixed
+    while the step would leave the box.
 
     The first descent begins at the start. If its fit is not good, a small screen with a few
     descents follows, then a large screen with many descents. The large screen is skipped if the
@@ -48,8 +49,8 @@ class ScreenedLeastSquares:
     rng
         Source of random numbers.
     hints
-        An optimum is accepted if its cost is at most the good cost. If the good cost is 0, all
-        screens are evaluated.
+        An optimum is accepted if its cost is at most the good cost, or under the above condition at
+        most the fair cost. If both costs are 0, all screens are evaluated.
     """
 
     uses_residuals = True
@@ -117,7 +118,11 @@ class ScreenedLeastSquares:
             descent.at = _linearised(descent, points[rows], residuals[rows])
 
     def _advance(self, descents: list[Descent]) -> Iterator[Array]:
-        """Yield the trial steps of all descents in one batch, then take the best step of each."""
+        """Yield the trial steps of all descents in one batch, then take the best step of each.
+
+        If the best step of a descent reduces the cost too little, the descent ends at its present
+        point.
+        """
         trials = [descent.trials() for descent in descents]
         yield np.concatenate([points for [points] in trials])
         points, costs, residuals = self._evaluated

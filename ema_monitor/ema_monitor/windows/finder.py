@@ -95,7 +95,10 @@ class WindowFinder:
 
     @property
     def window_s(self) -> float:
-        """Length of a window [s]; for records, the shortest length."""
+        """Length of a window [s]; for records, the shortest length.
+
+        Before the description is received, it is the largest possible length, 100 s.
+        """
         if self.finds_records:
             return LEAST_MOTION_S
         return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S
@@ -175,7 +178,10 @@ class WindowFinder:
 
     @property
     def obstacle(self) -> str:
-        """Setting that has prevented all windows since it was applied, with the reason, or ""."""
+        """Why there has been no window since the settings were applied; "" if there is no cause.
+
+        The cause is a setting with its value, or a lack of telemetry or motion.
+        """
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
             return ""
@@ -204,7 +210,7 @@ class WindowFinder:
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
         """Apply a description; return the completed windows and defects.
 
-        A changed description ends an open window.
+        A changed description ends an open window; an unchanged description has no effect.
         """
         if description == self.description:
             return []

@@ -18,7 +18,7 @@ _USUAL_SHARE: Final = 98.0
 def impossible_motion(
     telemetry: Telemetry, parameters: ActuatorParameters
 ) -> ImpossibleSamples | None:
-    """Return the samples that the described motor cannot produce, or None.
+    """Return number and size of the samples that the described motor cannot produce, or None.
 
     A position step is impossible if it exceeds both ten times the usual step and twice the step at
     top speed. A speed peak of a single sample is impossible if it exceeds 1.5 times the speed

@@ -30,7 +30,7 @@ LEAST_MOTION_S: Final = 2.0
 """Shortest total motion in a record [s]."""
 
 _RECENT_S: Final = 5.0
-"""Duration of the latest motion whose travel determines the threshold of rest [s]."""
+"""Duration of the latest telemetry whose travel determines the threshold of rest [s]."""
 
 MARGIN_S: Final = 0.5
 """Rest included before and after the motion of a record [s]."""
@@ -86,7 +86,7 @@ class _Cut(NamedTuple):
 class RecordTrigger(WindowTrigger):
     """Extracts records from continuous telemetry, based on the position.
 
-    The position is at rest if it stays within a threshold for 0.25 s. The threshold follows from
+    The position is at rest if it stays within a threshold for 0.25 s. The threshold is derived from
     the resolution and noise of the sensor (`PositionBins`). It is at least 0.2 % of the travel in
     the latest 5 s.
 
@@ -220,7 +220,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def _too_many(self, block: Telemetry) -> Reason | None:
-        """Return the reason why a record would have too many samples, or ""."""
+        """Return the reason why the shortest record would have too many samples, or None."""
         needed = round(LEAST_MOTION_S / block.sample_period)
         if needed <= MOST_RECORD_SAMPLES // 2:
             return None

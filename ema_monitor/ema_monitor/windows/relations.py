@@ -34,8 +34,8 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | N
     """Return the ratio of user-shaft travel to geared motor travel [-].
 
     The travels come from the position and speed sensors during runs in one direction, in which play
-    has no effect. An offset of the speed is fitted as well. Returns None if the window has too
-    little motion, or the speed is not measured.
+    has no effect. An offset of the speed is fitted as well. The result is None if the motion does
+    not determine the ratio, or the speed is not measured.
     """
     if not len(window.telemetry.speed):
         return None
@@ -71,8 +71,9 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | Non
     G_prop`` (M1) under any friction and load. The offset is fitted together with the gain of the
     loop, a delay of the command and a gain of the position. Its standard deviation is at least 15 %
     of the friction band: if the gains of the drive differ from the description, a load can look
-    like an offset of this size. Returns None if the drive has a different control law, too few
-    samples are within its limits, or current or speed is not measured.
+    like an offset of this size. The result is None if the drive has a different control law, a
+    column is not measured, too few samples are within the limits of the drive, or the motion does
+    not determine the offset.
     """
     if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
         return None

@@ -69,7 +69,7 @@ class StretchTrigger(WindowTrigger):
         return []
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the commands of a block, sample by sample."""
+        """Process the commands of a block; return the stretches and refusals that it completes."""
         h = block.sample_period
         rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))

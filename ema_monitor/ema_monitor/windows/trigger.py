@@ -198,7 +198,7 @@ class WindowTrigger:
         return [self.interrupt(stamp_ns, cause)]
 
     def _too_many(self, block: Telemetry) -> Reason | None:
-        """Return the reason why a window would exceed the memory limits, or ""."""
+        """Return the reason why a window would exceed the memory limits, or None."""
         samples = round(self.settings.window_s / block.sample_period)
         if samples > MOST_SAMPLES // 2:
             return TooManySamples(
@@ -232,7 +232,7 @@ class WindowTrigger:
         return refused[0] if refused else Defect(stamp_ns, cause)
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the commands of a block, sample by sample."""
+        """Process the commands of a block; return the windows and refusals that it completes."""
         h = block.sample_period
         rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))
@@ -368,7 +368,10 @@ def break_between(last: Telemetry, block: Telemetry) -> Reason | None:
 
 
 def not_finite(block: Telemetry) -> SamplesNotFinite | None:
-    """Return the samples that are not finite or too large for computation, or None."""
+    """Return the defect of the first column with unusable samples, or None.
+
+    Samples are unusable if they are not finite, or too large for computation.
+    """
     columns = [getattr(block, name) for name in COLUMNS]
     if np.maximum.reduce(np.abs(np.concatenate(columns))) < _LARGEST:
         return None
