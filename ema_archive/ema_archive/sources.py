@@ -130,7 +130,10 @@ def full_url(source: str) -> str:
 
 @contextmanager
 def _clear_errors(url: str) -> Iterator[None]:
-    """Convert errors of a remote store to OSError with the address."""
+    """Convert errors of a remote store to OSError with the address.
+
+    Errors that a file is missing, a store is not supported or the local disk fails are not changed.
+    """
     try:
         yield
     except (FileNotFoundError, NotADirectoryError, ImportError, NotImplementedError, ValueError):

@@ -167,6 +167,9 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
 
 
 def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
-    """Return whether latencies are meaningful: timestamps and reception times share a clock."""
+    """Return whether timestamps and reception times seem to share a clock.
+
+    If they do, all latencies are between 0 and 600 s.
+    """
     latencies = np.array([window.latency_s for window in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))

@@ -93,7 +93,7 @@ def _clock(is_set: dict[str, str]) -> Clock | None:
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
-    """Ask the user for each missing entry, with the guess as default."""
+    """Ask the user for each entry that no option sets, with the guess as default."""
     for name, (kind, entries, none) in _SECTIONS.items():
         section = content.get(name, {})
         if name == "error" and "command" in content:

@@ -111,7 +111,7 @@ def chosen(context: LaunchContext, *names: str) -> dict[str, str]:
 
 
 def flag_of(context: LaunchContext, name: str) -> bool:
-    """Return the value of a launch argument that is true or false."""
+    """Return the value of a launch argument; RuntimeError if it is neither true nor false."""
     value = value_of(context, name)
     if value.lower() not in ("true", "false"):
         raise RuntimeError(f"{name}:={value}: expected true or false")
@@ -186,7 +186,10 @@ def node(
 def monitors(
     context: LaunchContext, count: str = "1", further: str = "", **parameters: Any
 ) -> list[Node]:
-    """Return monitors that share the actuators; parameters override their parameter files."""
+    """Return monitors that share the actuators; parameters override their parameter files.
+
+    ``further`` is as in ``node``. RuntimeError if ``count`` is not an integer of at least 1.
+    """
     try:
         names = monitor_names(int(count))
     except ValueError as error:

@@ -83,7 +83,10 @@ class Alerts:
                     logging.getLogger("ema_dashboard").error(f"{text}: {self.failure}")
 
     async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:
-        """Retry an alert until it is accepted or rejected. Return whether it was accepted."""
+        """Post an alert until it is accepted or rejected, at most seven times.
+
+        Return whether it was accepted.
+        """
         for wait_s in (*WAITS_S, 0.0):
             status = await self._post(session, alert)
             if not self.failure:

@@ -105,7 +105,7 @@ class FleetDocument:
         self._made: tuple[object, bytes] = None, b""
 
     def __call__(self, query: Mapping[str, str], _: str) -> Made:
-        """Return the summary as JSON, or the reason why there is none.
+        """Return the summary as JSON, or with status 503 the reason why there is none.
 
         ``most`` in the query is the number of units and of models to list.
         """

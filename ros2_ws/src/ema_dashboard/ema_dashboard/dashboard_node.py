@@ -209,7 +209,10 @@ class DashboardNode(ManagedNode):
         return self._liveliness[self._topics[name].namespace].is_silent(author)
 
     def _find_player(self) -> None:
-        """Let clients control a new player; there is at most one player at a time."""
+        """Let clients control the player in the graph; end the control if there is none.
+
+        There is at most one player at a time.
+        """
         topics = self._topics.values()
         states = [topic.name for topic in topics if topic.relative == PLAYBACK_STATE]
         for name in states:

@@ -300,7 +300,10 @@ def _text(text: str) -> str:
 
 
 def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:
-    """Return an item, creating it if missing, and mark it as most recently updated."""
+    """Return an item, creating it if missing, and mark it as most recently updated.
+
+    With more than ``MOST_KEPT`` items, the least recently updated item is deleted.
+    """
     items[key] = item = items.pop(key) if key in items else new()
     if len(items) > MOST_KEPT:
         del items[next(iter(items))]

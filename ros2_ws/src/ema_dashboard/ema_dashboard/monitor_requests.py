@@ -51,7 +51,13 @@ class MonitorRequests:
                     self._clients[name] = service.Request, client
 
     async def send(self, request: Any) -> None:
-        """Send a request. Raises ValueError with the reasons if every monitor refuses it."""
+        """Send a request to the monitors, one after the other, until one accepts it.
+
+        Raises
+        ------
+        ValueError
+            If no monitor is running, or every monitor refuses the request; with the reasons.
+        """
         reasons = []
         for name, (request_class, client) in tuple(self._clients.items()):
             if isinstance(request, request_class):

@@ -54,7 +54,7 @@ class PlaybackControl:
         self._work: asyncio.Task[None] | None = None
 
     def set_player(self, player: str) -> None:
-        """Set the full name of the player node; empty without a player."""
+        """Set the full name of the player node; an empty name means that there is no player."""
         if player == self._player:
             return
         self._player = player
@@ -78,6 +78,8 @@ class PlaybackControl:
 
     def ask(self, data: bytes) -> None:
         """Queue a client's request encoded by the protocol; must run in the loop.
+
+        If eight requests are waiting, the oldest one is dropped.
 
         Raises
         ------
@@ -116,7 +118,10 @@ class PlaybackControl:
             self._hub.send_playback(_frame(state, did_seek=did_seek, request=request.name))
 
     def _is_done(self, request: Request, jumps: int) -> bool:
-        """Return whether the player has reached the requested state, after ``jumps`` jumps."""
+        """Return whether the player has reached the requested state, or has ended.
+
+        A state counts only after ``jumps`` jumps in time in total.
+        """
         state = self._state
         if state is None:  # the player has ended
             return True
@@ -124,7 +129,10 @@ class PlaybackControl:
         return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
 
     async def _obey(self, request: Request, state: PlaybackState) -> None:
-        """Execute the parts of a request that differ from the current state."""
+        """Call the services that bring the player to the requested state.
+
+        The rate is set only if it differs from the rate in ``state``.
+        """
         # The state may be outdated; pausing or resuming twice is harmless.
         if not request.plays:
             await self._call("pause")

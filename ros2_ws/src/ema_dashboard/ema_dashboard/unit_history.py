@@ -232,7 +232,10 @@ class Histories:
             self._offer(actuator_id, history)
 
     def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
-        """Update an actuator's count of lost samples since its monitor started."""
+        """Update an actuator's count of lost samples since its monitor started.
+
+        If the count has grown since the previous one, an event is added to the history.
+        """
         with self._lock:
             before, self._lost[actuator_id] = self._lost.get(actuator_id), samples
             history = self._histories.get(actuator_id)

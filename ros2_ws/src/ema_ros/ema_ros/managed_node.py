@@ -199,7 +199,7 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     def full_topic_names(self, names: Sequence[str]) -> set[str] | None:
-        """Return the full names of the topics in parameter ``topics``; None if it is empty.
+        """Return the full names of ``names``, the parameter ``topics``; None if it is empty.
 
         Raises
         ------
@@ -236,9 +236,11 @@ class ManagedNode(LifecycleNode):
         self.report()
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of some tasks, or of all tasks. Thread-safe.
+        """Publish the status of ``tasks``. Thread-safe.
 
-        While the node is not active, the status of its tasks is STALE instead of OK.
+        If ``tasks`` is empty, publish the status of the lifecycle, the peers and all tasks of the
+        node, and its counts. While the node is not active, the status of its tasks is STALE instead
+        of OK; the status of the lifecycle is not changed.
         """
         node_tasks = [] if tasks else [self._lifecycle_task()]
         counts = None

@@ -127,7 +127,13 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
 
 
 def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
-    """Convert normalised faults, ``(8,)``, to a message; estimates may be NaN."""
+    """Convert normalised faults, ``(8,)``, to a message; estimates may be NaN.
+
+    Raises
+    ------
+    ValueError
+        If the array has another shape.
+    """
     from ema_interfaces.msg import FaultVector
 
     k = np.asarray(faults, dtype=np.float64)

@@ -13,7 +13,13 @@ _PARAMETERS: Final = "ros__parameters"
 
 
 def monitor_names(monitors: int) -> list[str]:
-    """Return the names of the nodes: ``monitor`` for one, else ``monitor_0``, ``monitor_1``, ..."""
+    """Return the names of the nodes: ``monitor`` for one, else ``monitor_0``, ``monitor_1``, ...
+
+    Raises
+    ------
+    ValueError
+        If ``monitors`` is less than 1.
+    """
     if monitors < 1:
         raise ValueError(f"monitors = {monitors}: expected at least 1")
     return [_MONITOR] if monitors == 1 else [f"{_MONITOR}_{index}" for index in range(monitors)]
@@ -25,10 +31,16 @@ def shard_parameters(index: int, monitors: int) -> dict[str, int]:
 
 
 def file_for(name: str, file: Path, folder: Path) -> Path:
-    """Return a copy of a parameter file in which ``monitor`` is replaced by another node name.
+    """Copy a parameter file with ``monitor`` replaced by another node name. Return the path.
 
-    Parameter files name their node, and ROS has no pattern for a part of a name. Parameters of the
-    file for the node name itself take precedence.
+    The copy is in ``folder``; if nothing is replaced, the path is ``file``. Parameter files name
+    their node, and ROS has no pattern for a part of a name. Parameters of the file for the node
+    name itself take precedence.
+
+    Raises
+    ------
+    ValueError
+        If the file is not YAML.
     """
     try:
         content = load_yaml(file)

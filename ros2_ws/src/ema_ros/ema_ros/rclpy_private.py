@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 
 
 def next_message(executor: Executor, subscription: Subscription) -> Callable[[], Any] | None:
-    """Take a subscription's next message. Return a coroutine function that delivers it."""
+    """Take a subscription's next message. Return a coroutine function that delivers it, or None."""
     return executor._take_subscription(subscription)
 
 

@@ -143,6 +143,7 @@ class Collector:
         """Add a message; it is counted as rejected if it lacks a mapped field.
 
         Messages of topics that are not mapped are ignored.
+
         Parameters
         ----------
         sent_ns

@@ -89,9 +89,9 @@ class RiseSampler:
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
-    """Return the rises, from the first telemetry sample on if that is at most 10 s earlier.
+    """Return the rises, with the first one moved to ``first_ns`` if that is at most 10 s earlier.
 
-    The first rise is then repeated at ``first_ns``, the stamp of that sample [ns].
+    ``first_ns`` is the stamp of the first sample of the telemetry [ns]; the rises follow unchanged.
 
     A sensor that is read every few seconds may have no value at the start of the telemetry.
     """
