@@ -28,7 +28,7 @@ _READ: Final = (
     *(msg.TelemetryBlock, msg.UnitHistory, msg.WindowFit),
 )
 _SIMPLE: Final = {"string": "string", "boolean": "boolean", "int64": "bigint", "uint64": "bigint"}
-_NUMBERS: Final = ("double", "float", "octet", "uint8", "int32", "uint32")
+_NUMBERS: Final = ("double", "float", "octet", "uint8", "uint16", "int32", "uint32")
 _ARRAYS: Final = {"double": "Float64Array", "float": "Float32Array"}
 
 
