@@ -2,7 +2,8 @@
 """Effects that the monitor model does not have, in two sets, and random plants with them.
 
 ``DEVELOPMENT`` may be used while the monitor is developed. ``HELD_OUT`` has other functional forms
-and ranges. It is run once, at the end, and the monitor is not changed after that run.
+and ranges; both sets contain ``DRIVE_OFF``. ``HELD_OUT`` is run once, at the end, and the monitor
+is not changed after that run.
 """
 
 from enum import StrEnum
@@ -64,10 +65,15 @@ _TURN: Final = np.arange(POINTS + 1) / POINTS
 
 
 def draw_plant(seed: int, effects: frozenset[Effect]) -> ForeignPlant:
-    """Return a random plant with all given effects, motor and mechanics deviating by 2 to 5 %.
+    """Return a random plant with the given effects.
 
-    Each parameter has its own deviation. The values of an effect do not depend on which other
-    effects are given.
+    Parameters of motor, mechanics and supply voltage deviate by 2 to 5 %, each by a separate draw;
+    parameters of the drive deviate only with ``DRIVE_OFF``. Backlash does not deviate.
+
+    The random values of an effect do not depend on the other effects, but some effects replace
+    others: ``CARRIER`` replaces the loop period of ``SLOW_LOOPS``, ``LUGRE`` replaces
+    ``STRIBECK``, ``SUPPLY_SAG`` replaces ``SUPPLY_RIPPLE``, ``HARMONIC_EMF`` replaces
+    ``ROUNDED_EMF``, and ``KNEE`` replaces ``SATURATION``.
     """
 
     def draw(effect: Effect, *bounds: tuple[float, float]) -> NDArray[np.float64]:

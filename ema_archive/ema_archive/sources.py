@@ -201,6 +201,11 @@ def changed_ns(source: str, unit: UnitKey) -> int | None:
 
     Returns None for the shipped calibration, a missing calibration, or a store without modification
     times.
+
+    Raises
+    ------
+    OSError
+        If the store cannot be read.
     """
     if not source:
         return None

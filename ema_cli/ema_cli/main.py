@@ -149,6 +149,7 @@ class _CommandsOnDemand(click.Group):
 def main() -> None:
     """Simulate electromechanical actuators, and detect faults in their telemetry.
 
-    Exit codes: 0 success; 1 unusable input; 2 wrong usage or invalid value; 3 some windows have no
-    valid estimate (predict: none has), or a test cannot reach its targets (certify, design).
+    Exit codes: 0 success; 1 unusable input, or a node failed; 2 wrong usage or invalid value; 3 the
+    data can be read, but the result is refused, incomplete or not OK (the help of each command says
+    when); 128 + N signal N ended the demo.
     """

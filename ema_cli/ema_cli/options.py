@@ -10,10 +10,10 @@ import click
 from ema_core.wording import as_identifier, unknown_name
 
 UNUSABLE: Final = 1
-"""Exit code: the input cannot be used."""
+"""Exit code: the input cannot be used, or a node has failed."""
 
 REFUSED: Final = 3
-"""Exit code: a result is refused or missing. (click uses 2 for wrong usage.)"""
+"""Exit code: a result is refused, incomplete or not OK. (click uses 2 for wrong usage.)"""
 
 
 @contextmanager

@@ -241,10 +241,13 @@ def leg_voltage(q, i, half_V, off):
 
 @kernel()
 def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Return phase currents [A] and remaining dead times [steps] after a step without causes (M4).
+    """Return phase currents [A] and ``pauses`` after a step in which no leg is interrupted (M4).
 
-    ``q``, ``i`` and ``k`` are the switching states, currents [A] and back-EMF constants [V.s/rad]
-    of the phases.
+    There is no open phase, no dead switch and no remaining dead time. ``effects`` only selects this
+    function, and ``pauses``, the remaining dead times of the legs [steps], are unchanged.
+    ``half_V`` is half of the supply voltage [V], ``omega`` the motor speed [rad/s] and ``dt`` the
+    step [s]. ``q``, ``i`` and ``k`` are the switching states (+1 or -1), currents [A] and back-EMF
+    constants [V.s/rad] of the phases.
     """
     v_a = half_V * q[0] - phases.R_a * i[0] - k[0] * omega
     v_b = half_V * q[1] - phases.R_b * i[1] - k[1] * omega

@@ -56,7 +56,10 @@ class Windings(NamedTuple):
 
 
 class AirGap(NamedTuple):
-    """Modulation of the air gap at an angle of the motor [rad]: zeta times cosine and sine (M5)."""
+    """Modulation of the air gap by eccentricity at the motor angle ``theta_m`` [rad] (M5).
+
+    ``cosine`` and ``sine`` are zeta times cosine and sine of ``theta_m + phi`` [-].
+    """
 
     theta_m: float
     cosine: float
@@ -118,7 +121,7 @@ def windings(motor: MotorConstants):
 
 @kernel()
 def gap_at(motor: MotorConstants, theta_m):
-    """Return the air gap at a motor angle [rad]."""
+    """Return the modulation of the air gap by eccentricity at a motor angle [rad] (M5)."""
     angle = theta_m + motor.phi
     return AirGap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
 
@@ -128,7 +131,7 @@ def modulation(gap: AirGap, delta):
     """Return the relative change of the three back-EMF constants by eccentricity (M5).
 
     The motor angle is the angle of ``gap`` plus ``delta`` [rad]. The phases are a third of a turn
-    apart. The Taylor series omit delta^5 / 120.
+    apart. The largest omitted term of the Taylor series is delta^5 / 120.
     """
     square = delta * delta
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0))

@@ -65,7 +65,7 @@ def compare(
     records the true faults, the error is the distance to them in percent of their ranges. The
     search fitness is the result of the algorithm alone; the estimate then drops insignificant
     faults and fits the rest again. With --json, each result includes the convergence: evaluations
-    and lowest cost.
+    and lowest cost. Exit code 3: the estimate of an algorithm is not valid.
     """
     if options.any_motion:
         raise click.UsageError(

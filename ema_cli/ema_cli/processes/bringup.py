@@ -40,7 +40,15 @@ def node_class(node: str) -> Callable[..., ManagedNode]:
 
 
 def parameter_file(name: str) -> Path:
-    """Return the path of a parameter file in ema_bringup; ``name`` excludes ``.yaml``."""
+    """Return the path of a parameter file in ema_bringup.
+
+    ``name`` is the name of the file without ``.yaml``.
+
+    Raises
+    ------
+    ValueError
+        If the package or the file is not installed.
+    """
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 

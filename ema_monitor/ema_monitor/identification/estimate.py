@@ -83,7 +83,8 @@ class Estimate(Displayed):
     goodness_limit: float = math.nan
     """Largest goodness of fit at which the faults explain the window [-]."""
     excitation: float = math.nan
-    """Travel of the command [rad]; for stretches, the largest travel."""
+    """Peak-to-peak range of the command [rad], or of the position in a record or a window without a
+    command; for stretches, the largest range."""
     evaluations: int = 0
     """Number of model evaluations."""
     computing_time: float = 0.0

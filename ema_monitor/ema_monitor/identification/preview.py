@@ -108,9 +108,11 @@ class Preview(NamedTuple):
 
 
 def _explained(at: Linearisation, knowledge: Knowledge, noise: float) -> Array:
-    """Return the point, ``(d,)``, that explains a stretch best according to its linear model.
+    """Return the point in the unit box, ``(d,)``, with the lowest cost.
 
-    ``noise`` is the variance of an effective residual.
+    The cost is the cost of the linear model ``at`` of a stretch, plus the cost of ``knowledge``:
+    the knowledge of the faults from earlier stretches. ``noise`` is the variance of a residual
+    [A^2.s].
     """
     _, gradient, normal = Quadratic.of(at)
     of_stretch = Quadratic(at.point, gradient / noise, normal / noise).with_ridge()

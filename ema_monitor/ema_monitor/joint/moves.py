@@ -127,8 +127,9 @@ class MoveSeries:
     def _life(self) -> tuple[float, float, float] | None:
         """Return quantiles of the time to the limit [d], or None without a significant rise.
 
-        The prediction combines two laws with equal weights: the ratios of the latest moves rise
-        linearly, or their distance from healthy grows exponentially.
+        The quantiles are of random lines to the limit, pooled from two laws: the ratios of the
+        latest moves rise linearly, or their distance from healthy grows exponentially. The second
+        law needs three moves with a ratio above 1.03, otherwise all lines are of the first.
         """
         days, ratios = np.array(self._course[-_LATEST:]).T
         days = days - days[-1]

@@ -74,7 +74,10 @@ class Preparation(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """Rows of a record in steady motion, away from reversals, ``(n,)`` or ``(n, k)`` each."""
+    """Rows of a record in steady motion, away from reversals.
+
+    Columns are ``(n,)`` unless their shape is given.
+    """
 
     effort: Array
     """Effort [A]."""
@@ -87,7 +90,7 @@ class Signals:
     direction: Array
     """Filtered sign of the speed [-]."""
     stribeck: Array
-    """Filtered ``sign(v) exp(-(v / v_s)^2)``, ``(n, 3)``: a column for each of
+    """Filtered ``sign(v) exp(-(v / v_s)^2)``, ``(n, 3)``: a column for each speed v_s of
     ``STRIBECK_SPEEDS``."""
     free: Array
     """Terms of the preparation, with coefficients fitted to each record, ``(n, k)``: filtered sine

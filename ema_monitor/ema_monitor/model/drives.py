@@ -282,7 +282,11 @@ def bare_current(drive: FastDrive | SourceDrive, stage, I):
 
 @kernel()
 def available_pair_current(drive: FastDrive, pair: DrivenPair, cos, sin, omega, I):
-    """Return the largest current in the direction of ``I`` that voltage and torque permit [A]."""
+    """Return the magnitude of the largest steady current in the direction of ``I`` [A].
+
+    Voltage and torque limit it; it is 0 if the back-EMF exceeds the voltage. ``cos`` and ``sin``
+    belong to the angle theta_m, ``omega`` is the motor speed [rad/s].
+    """
     K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
     voltage = drive.V_max - math.copysign(K, I) * omega
     by_voltage = max(voltage / pair.R, 0.0)

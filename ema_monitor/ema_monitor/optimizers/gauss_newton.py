@@ -36,16 +36,20 @@ class Search(Protocol):
         ...
 
     def after(self, number: int) -> Self:
-        """Return the rule for the next iteration, after trial ``number`` had the lowest cost."""
+        """Return the rule for the next iteration.
+
+        ``number`` is the index, within its group, of the trial with the lowest cost.
+        """
         ...
 
 
 class LineSearch(NamedTuple):
     """Line search along the step to the minimum of the linear model.
 
-    ``lowest`` returns the point of the minimum, ``(d,)``; ``groups`` contains the fractions of the
-    step to try. The full step is tried first, because it is accepted near the optimum (J. Nocedal,
-    S. Wright, Numerical Optimization, 2006, section 3.1).
+    ``lowest`` returns the point of the minimum, ``(d,)``. ``groups`` contains the fractions of the
+    step to try, in groups: a group is evaluated in one batch, and only if no earlier group reduces
+    the cost. The first fraction of the first group must be 1, the full step, because it is accepted
+    near the optimum (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1).
     """
 
     lowest: Callable[[Linearisation], Array]
@@ -75,7 +79,10 @@ class LevenbergMarquardt(NamedTuple):
         return Trials([np.stack(points)], len(FACTORS))
 
     def after(self, number: int) -> Self:
-        """Return the rule for the next iteration, with dampings near the best damping."""
+        """Return the rule for the next iteration, with dampings near the best damping.
+
+        If the step with minimal damping was the best, the damping decreases by the factor 0.3.
+        """
         damping = self.damping * FACTORS[min(number, len(FACTORS) - 1)]
         return self._replace(damping=min(max(damping, LEAST_DAMPING), MOST_DAMPING))
 
@@ -102,7 +109,7 @@ class Stopping(NamedTuple):
     iterations: int
     """Largest number of steps."""
     gain: float = 0.0
-    """Smallest gain at which a step is taken, relative to the cost [-]."""
+    """A step is taken only if its gain, relative to the cost, is larger [-]."""
     step: Array | float = 0.0
     """The descent ends after a step that is shorter in every component, ``(d,)``."""
     promise: float = 0.0

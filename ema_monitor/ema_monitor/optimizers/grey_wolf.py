@@ -17,7 +17,7 @@ class GreyWolf(Population):
     A wolf at ``x`` moves to the mean of three points, one per leader:
     ``leader - A |C leader - x|`` with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn
     for each component. Points are clipped to the box. ``a`` decreases linearly from 2 after the
-    first generation to 0 at the end of the budget.
+    first generation towards 0 at the end of the budget.
 
     Parameters and errors are as in `Population`.
 
@@ -89,8 +89,9 @@ def shrinking(generation: int, generations: int) -> float:
 def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator") -> Array:
     """Return the next positions of wolves at ``points``, ``(m, d)``, within [0, 1].
 
-    ``leaders`` are shared by all wolves, ``(3, 1, d)``, or individual, ``(3, m, d)``. ``a`` limits
-    the magnitude of ``A`` [-].
+    ``leaders`` are shared by all wolves, ``(3, 1, d)``, or individual, ``(3, m, d)``. A wolf moves
+    to the mean of its targets ``leader - A |C leader - wolf|``, clipped to the box, with ``A``
+    random in [-a, a] and ``C`` random in [0, 2] for each component.
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
     A, C = 2.0 * a * r_1 - a, 2.0 * r_2

@@ -91,9 +91,11 @@ def place_of(
 
 
 def is_after_step(test: Test, before: Test, by_clock: bool) -> bool:
-    """Return whether the clock was set back between two successive tests.
+    """Return whether the clock was set back between a test and the test ``before`` it.
 
-    In that case, their stamps do not give the time between them.
+    In that case, their stamps do not give the time between them. If ``by_clock``, the stamps come
+    from a clock, and a step changes their correction. Otherwise tests are ordered by reception, and
+    a step sets the stamp of ``test`` to the first nanosecond after ``before``.
     """
     if by_clock:
         return test.shift_ns != before.shift_ns

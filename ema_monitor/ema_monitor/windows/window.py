@@ -15,7 +15,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.reasons import MotorStill, NoTravel, Reason
 
 MIN_TRAVEL: Final = 1e-3
-"""Smallest travel of the command that excites the faults [rad]."""
+"""Smallest peak-to-peak range of the command that excites the faults [rad]."""
 
 
 DWELL_S: Final = 0.02
@@ -57,7 +57,7 @@ class Window(Displayed):
 
     @property
     def brief(self) -> str:
-        """Phrase with the length, sample rate, travel and start."""
+        """Phrase with the length, sample rate, excitation and start."""
         seconds = len(self) * self.sample_period
         return (
             f"{seconds:.4g} s, {len(self)} samples at {1.0 / self.sample_period:.6g} Hz, travel "
@@ -145,7 +145,7 @@ class Window(Displayed):
 
     @property
     def excitation(self) -> float:
-        """Travel of the command, or of the position without a command [rad]."""
+        """Peak-to-peak range of the command, or of the position without a command [rad]."""
         telemetry = self.telemetry
         return float(np.ptp(self.command if len(self.command) else telemetry.position))
 

@@ -35,7 +35,7 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """Cookie of a browser that has presented the token."""
+        """Value of the cookie that a browser receives after it has presented the token."""
         return hmac.new(self._token.encode(), b"dashboard cookie", hashlib.sha256).hexdigest()
 
     def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:

@@ -77,7 +77,9 @@ class PlaybackControl:
         self._hub.send_playback(_frame(state, did_seek=state.jumped))
 
     def ask(self, data: bytes) -> None:
-        """Queue a client's request encoded by the protocol; must run in the loop.
+        """Queue a playback request of a client, encoded by Foxglove's protocol.
+
+        Call it only in the hub's event loop. If too many requests wait, the oldest is dropped.
 
         If eight requests are waiting, the oldest one is dropped.
 

@@ -111,7 +111,12 @@ def convert(
 
 
 def _held(raw: Mapping[str, NDArray[np.float64]], source: PayloadSource) -> NDArray[np.float64]:
-    """Return the payload, ``(n,)``: 0 if none is held, 1 if unknown."""
+    """Return the payload, ``(n,)`` [kg].
+
+    It is the amount by which the scaled value exceeds ``source.above``, and 0 below. For a flag or
+    the position of a gripper, this amount only shows whether there is a payload. An unknown value
+    counts as 1.
+    """
     values = _scaled(raw["payload"], source.sign * source.scale, source.offset) - source.above
     return np.where(np.isfinite(values), np.maximum(values, 0.0), 1.0)
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of the examination of a file, bag or topic, as typed values without words."""
+"""Results of the examination of a file, bag or topic, as typed values.
+
+``examination_wording`` makes the texts.
+"""
 
 import re
 from dataclasses import dataclass

@@ -373,7 +373,11 @@ def _alternatives(joints: Iterable[JointColumns], quantity: str, named: Sequence
 
 
 def _period(columns: TableColumns, clock: Clock) -> float:
-    """Return the median sample period [s]; 0 if the clock has fewer than two times."""
+    """Return the sample period [s].
+
+    It is the period of the fixed rate if the clock has no source, otherwise the median difference
+    of the times; 0 if there are fewer than two times.
+    """
     if not clock.source:
         return 1.0 / clock.rate_hz
     stamps: NDArray[np.int64] = columns.stamps(clock)

@@ -102,7 +102,10 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
 
 
 def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
-    """Add a column of times to a table, partly in place, and return the table."""
+    """Return the table with a column of times added.
+
+    The dictionaries of ``columns`` are changed, too: the returned table shares them.
+    """
     columns.values[name] = times.values
     if times.problem:
         columns.problems[name] = times.problem
