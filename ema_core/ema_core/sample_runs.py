@@ -95,7 +95,7 @@ class SampleRuns:
             run.before = None
 
     def pause(self) -> None:
-        """Ignore the next gap, because blocks are not received during a pause."""
+        """Discard all runs, so that blocks missed during a pause of the reception are not counted."""
         self._runs.clear()
 
 

@@ -16,7 +16,10 @@ from ema_core.array_environment import array_environment
 
 @contextmanager
 def quiet_imports() -> Iterator[None]:
-    """Return a context in which SIGINT ends the process immediately, without KeyboardInterrupt."""
+    """End the process immediately on SIGINT within a context, without KeyboardInterrupt.
+
+    This changes nothing outside the main thread, or if SIGINT has a handler of its own.
+    """
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()
     if is_default := is_main and before is signal.default_int_handler:

@@ -70,7 +70,10 @@ class Kernels:
         }
 
     def run(self, factor: float = 2.0) -> tuple[list[float], str]:
-        """Return result, number of cache hits and log."""
+        """Write the called kernel with a factor, and run the calling kernel in a new process.
+
+        Returns a list of the result and the number of cache hits, and the log.
+        """
         (self.folder / "inner.py").write_text(INNER.format(factor=factor))
         done = subprocess.run(
             [sys.executable, "-c", "import ema_monitor.outer"],
@@ -83,7 +86,7 @@ class Kernels:
         return [float(word) for word in done.stdout.split()], done.stderr
 
     def files(self, suffix: str) -> list[Path]:
-        """Return the cache files of the called kernel."""
+        """Return the cache files of the calling kernel."""
         return [item for item in self.cache.rglob(f"*{suffix}") if "scaled" in item.name]
 
 

@@ -179,7 +179,10 @@ def test_folder_without_a_bag_is_refused(tmp_path):
 
 
 def other_storage(kind: str, folder: Path) -> Path:
-    """Make a bag in a storage that is not read as telemetry, as a folder or as a single file."""
+    """Write a bag in a storage that is not supported, and return its path.
+
+    ``kind`` is one of ``KINDS``: a folder, or the suffix of a single file.
+    """
     with OtherBag(folder / "flight") as bag:
         bag.write("/topic", bag.header(START_NS), START_NS)
     [file] = (folder / "flight").glob("*.db3")

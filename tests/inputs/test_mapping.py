@@ -272,7 +272,10 @@ def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expecte
 
 
 def test_conventions_of_i_q_give_the_same_torque():
-    """Each convention expresses 1 A peak differently; the constant refers to i_q (M33)."""
+    """A peak value of 1 A is a different number in each convention.
+
+    All are converted to the peak value, to which the torque constant refers (M33).
+    """
     drive = replace(FLAP, drive="field_oriented")
     counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
     currents = [

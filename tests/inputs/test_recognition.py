@@ -33,7 +33,10 @@ def motion():
 
 @pytest.fixture
 def guessed(motion, tmp_path):
-    """Return a function that guesses from named columns; each is (column, factor)."""
+    """Return a function that writes a CSV file and returns the guess from its columns.
+
+    The argument maps each name in the file to the name of a column of ``motion`` and a factor.
+    """
 
     def guess(named: dict[str, tuple[str, float]]) -> Guess:
         frame = pd.DataFrame({name: motion[key] * scale for name, (key, scale) in named.items()})

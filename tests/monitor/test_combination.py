@@ -287,7 +287,10 @@ def test_another_calibration_begins_a_new_combination(stretches):
 
 @pytest.mark.slow
 def test_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
-    """A bag is played again: no estimate ends before it starts, and no pause lasts too long."""
+    """The stamps go back by an hour, as if a bag is played again.
+
+    An estimate from stretches before and after the step would end before it starts.
+    """
     hour_ns = 3_600_000_000_000
     again = [earlier(stretch, hour_ns) for stretch in stretches[:3]]
     settings = CombinationSettings(wanted_sigma=0.02)

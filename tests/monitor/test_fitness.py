@@ -123,12 +123,19 @@ def scattering(calibration, current, speed):
 
 @pytest.fixture
 def scattered(calibration):
-    """Return a calibration with negligible scatters: the loss is quadratic, the speed exact."""
+    """Return a calibration with a large scatter of the current and a small scatter of the speed.
+
+    The loss is then quadratic in errors of the current.
+    """
     return scattering(calibration, 100.0, 1e-3)
 
 
 def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
-    """Return residuals of current and speed in a window at a speed, with errors of the model."""
+    """Return the residuals of the current and of the speed in a window, ``(N,)`` each.
+
+    ``speed`` is the measured speed. The model deviates from the measurement by ``current_error``
+    and ``speed_error``.
+    """
     speed = np.broadcast_to(np.asarray(speed, dtype=float), (N,))
     window = measured(np.linspace(-3.0, 3.0, N), speed)
     expected = response(window.current - current_error, speed - speed_error)

@@ -62,7 +62,10 @@ def test_outlook_without_an_earlier_higher_level_is_unchanged():
 
 
 def test_fault_held_by_the_tracker_needs_no_additional_tests():
-    """The tracker waits for a second test that agrees; the first one counts already."""
+    """The tracker holds back the first lower value until a second test agrees.
+
+    The held test counts as a confirmation: the level falls with the second test.
+    """
     settings = PrognosisSettings(service=Service(hours_per_cycle=10.0))
     unit = Unit(History(*UNIT), settings)
     levels = []

@@ -92,7 +92,10 @@ def test_hours_are_in_the_class_of_the_rise_of_the_winding(rise: float, number: 
 
 
 def test_duty_belongs_to_the_test_at_whose_end_or_before_it_ends():
-    """The order does not matter: a window with a stamp in the future delays no other window."""
+    """``take`` returns the duty of all windows that end at the stamp or before, in any order.
+
+    A window with a stamp in the future delays no other window.
+    """
     meter = DutyMeter(deque())
     for number, end_ns in enumerate((10**18, 100, 200, 300)):
         meter.add(block([0.0, 0.1 * (number + 1)], first=10 * number), PARAMETERS)

@@ -73,7 +73,12 @@ class Bench:
         self.actuator.expire(30.0, self.moment())
 
     def test(self, end_ns: int | None = None, *, pace: float = 1.0, friction: float = 0.02) -> str:
-        """Receive a test with 1 s of telemetry. ``pace`` 1 is real time, 0 is all at once."""
+        """Receive a test with 1 s of telemetry, and return the published level.
+
+        ``end_ns`` is the stamp of its end; by default, the present time plus 1 s. ``pace`` is the
+        ratio of reception time to measurement time: 1 is real time; with 0, all telemetry arrives
+        at once.
+        """
         end_ns = self.clock_ns + S if end_ns is None else end_ns
         for block in range(10):
             self.wait(0.1 * pace)

@@ -96,7 +96,10 @@ def test_locked_rotor_current_rises_as_RL(N):
 
 
 def largest_rise(i: float) -> float:
-    """Return the greatest change [A] of a phase current in a step of the healthy motor at rest."""
+    """Return an upper bound for the change of a phase current in a step of ``DT`` [A].
+
+    The healthy motor is at rest, and the current of the phase is at most ``i`` [A].
+    """
     v = 4 / 3 * ACTUATOR.V_max / 2 + ACTUATOR.R_s / 2 * i
     return v / (ACTUATOR.L_s / 2) * DT
 

@@ -149,12 +149,14 @@ SAMPLES = 2000
 
 
 def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
-    """Return the sum of the signs of the holds in each sample, `(SAMPLES,)`.
+    """Return the sum of the signs of bias plus noise over the holds of each sample, `(SAMPLES,)`.
 
-    The inverter compares: the rotor is locked, the band is nearly zero, and the inductance keeps
-    the current constant. Then the driven pair gets +V in a step if bias plus noise is positive, and
-    -V if it is negative. The mean slope of the current gives the share of noise above minus the
-    bias, and hence its sigma; the steps in between give the hold time.
+    The noise keeps each value for a time ``hold`` [s]. The rotor is locked, the band of the
+    hysteresis is nearly zero, and the large inductance keeps the current nearly constant. The
+    driven pair therefore gets +V in a step if bias plus noise is positive, and -V if it is
+    negative. The change of the current in a sample is proportional to the sum of these signs. The
+    mean of the sums gives the share of noise values above minus the bias, and hence their standard
+    deviation. The sums are integers only if each value is constant for the time ``hold``.
     """
     p = COMPARATOR
     actuator = SimulatedActuator(

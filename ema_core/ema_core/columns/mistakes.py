@@ -47,7 +47,7 @@ class Mistake(NamedTuple):
 
     @property
     def is_of_si(self) -> bool:
-        """Whether the values are interpreted in SI units. True if the mistake is not a unit."""
+        """Whether the stated unit is an SI unit; True if the mistake is not a unit."""
         return self.kind is not Kind.UNIT or self.stated in ("rad", "rad/s")
 
 

@@ -26,7 +26,7 @@ _REFERENCES: Final = {
 
 
 def question(column: str, mistake: Mistake, reference: Reference) -> str:
-    """Return a question to the user, whether a column has a certain mistake."""
+    """Return a question that asks the user whether a column has a certain mistake."""
     match mistake.kind:
         case Kind.SIGN:
             return "is its sign reversed?"

@@ -108,7 +108,7 @@ def thinned(records: Sequence[StoredRecord], most: int) -> list[StoredRecord]:
     """Return at most ``most`` records, spread over their days.
 
     Records are left out one by one, from the day with the most records or the earliest such day.
-    The next record to go is the one whose neighbours in time are closest to each other.
+    Of a day, the record whose neighbours in time are closest to each other is left out.
     """
     kept = sorted(records)
     while len(kept) > most:

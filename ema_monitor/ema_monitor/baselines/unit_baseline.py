@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 
 
 def default_folder() -> Path:
-    """Return the default folder of baselines: ``ema/baselines`` in ``ROS_HOME``."""
+    """Return the default folder of baselines, ``ema/baselines`` in ``ROS_HOME`` or ``~/.ros``."""
     return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema" / "baselines"
 
 
@@ -225,7 +225,10 @@ class UnitBaseline:
         return self._added >= max(1, self._fitted // _REFIT_SHARE)
 
     def fit(self) -> None:
-        """Fit the provisional calibration to the candidates."""
+        """Fit the provisional calibration to the candidates.
+
+        If they determine no calibration, ``provisional`` is None, and `progress` has the reason.
+        """
         self.provisional = None
         try:
             self.provisional = self._fitted_to(self.candidates)
@@ -452,7 +455,10 @@ def _identity(path: Path) -> str:
 
 
 def _locked(path: Path) -> int:
-    """Return the descriptor of a locked file; the lock ends with the process."""
+    """Return the descriptor of a locked file; the lock ends with the process.
+
+    Raises InUseError if another process has the lock.
+    """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -116,7 +116,10 @@ class Certificate:
         return next(fault.sigma for fault in self.faults if fault.name == name)
 
     def unmet(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return a message for each fault whose wanted standard deviation is exceeded."""
+        """Return a message for each fault that misses its wanted standard deviation [-].
+
+        This includes faults that the test does not detect, whose standard deviation is NaN.
+        """
         messages = []
         for name, sigma in wanted.items():
             reached = self.sigma(name)

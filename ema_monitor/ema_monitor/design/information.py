@@ -78,7 +78,10 @@ class Information:
         )
 
     def sigma(self, windows: list[Window]) -> Array:
-        """Return the standard deviation of each fault, ``(8,)``: the largest over the actuators."""
+        """Return the standard deviation of each fault, ``(8,)``: the largest over the actuators.
+
+        The value is 0 for the phase, and for faults that no actuator has.
+        """
         first = windows[0]
         still = np.zeros(len(first))
         # The state after a calibration under this command.

@@ -147,7 +147,8 @@ class FaultProspect(NamedTuple):
     """Standard deviation of an estimate for the least favourable actuator; NaN if the fault is not
     detected."""
     error: float
-    """RMS error of the estimates of the rehearsed windows [-]."""
+    """RMS error of the estimates for the least favourable actuator [-]; NaN if the fault is not
+    detected."""
     smallest: float
     """Smallest distance from healthy that a test detects [-]."""
     not_told_from: tuple[Part, ...]
@@ -224,7 +225,7 @@ def rehearse(
     description: ActuatorDescription,
     calibration: Calibration | None = None,
 ) -> Rehearsed:
-    """Rehearse a test; see `certify` for parameters and errors."""
+    """Rehearse a test and return the results; see `certify` for parameters and errors."""
     healthy = rig(command, healthy_faults(), _HEALTHY, {})
     used = calibration or calibrate_model(healthy, description)
 

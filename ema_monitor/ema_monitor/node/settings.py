@@ -177,6 +177,9 @@ class NodeSettings:
 
 
 def folder_of(text: str) -> Path:
-    """Return the path in a parameter, with environment variables and ``~`` expanded."""
+    """Return the path in a parameter, with environment variables and ``~`` expanded.
+
+    ``$ROS_HOME`` is ``~/.ros`` unless it is set.
+    """
     ros_home = os.environ.get("ROS_HOME") or "~/.ros"
     return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

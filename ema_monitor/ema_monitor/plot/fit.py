@@ -51,8 +51,8 @@ def plot_fit(
     ----------
     window
         The window.
-        estimate
-            A valid estimate of the window.
+    estimate
+        A valid estimate of the window.
     calibration
         Calibration of the estimate; None for the built-in actuator.
     since_ns

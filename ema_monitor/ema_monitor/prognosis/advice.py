@@ -95,9 +95,11 @@ class Decision:
         """Return the expected outcome of deciding after the next test (P19).
 
         If the test shows the fault, the remaining life is assumed to be known exactly afterwards.
-        Lives that end before a removal could follow the test are failures; all others end with a
-        removal one test interval before the failure. If the test does not show the fault, the best
-        removal according to current knowledge is used.
+        Lives that end before a removal could follow the test are failures. All others end with a
+        removal one test interval before the failure, or with the earliest possible removal if that
+        is later. With the probability ``missing_share``, a test gives no estimate, and the decision
+        waits for the following test. If the test does not show the fault, the best removal
+        according to current knowledge is used.
         """
         # Hours until the first, second, ... test from now, each possibly the next with an estimate.
         waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
@@ -140,7 +142,7 @@ class Decision:
         return real.removed_at(np.array([removal.removal_hours]))
 
     def removed_at(self, at_hours: Array) -> Choice:
-        """Return the best removal among candidate hours from now [h] (age replacement, P18)."""
+        """Return the removal with the lowest cost rate among candidate hours from now [h] (P18)."""
         lives = np.sort(self.lives)
         fail = np.searchsorted(lives, at_hours, "left")
         risk = fail / lives.size

@@ -15,7 +15,9 @@ def assessment_of(
     occurrences: Iterable[Occurrence],
     events: Iterable[UnitEvent],
 ) -> Assessment:
-    """Return the assessment of an outlook, with an event for each fault whose level rose.
+    """Return the assessment of an outlook, with events for faults and requirements that got worse.
+
+    If ``before`` is an assessment of the same test, its events are kept.
 
     Parameters
     ----------
@@ -24,7 +26,7 @@ def assessment_of(
     before
         Assessment of the previous test, or an earlier assessment of the same test, if any.
     occurrences
-        What the test shows.
+        Occurrences that the test shows.
     events
         Additional events.
     """

@@ -40,7 +40,10 @@ def baseline_change(
 
 
 def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
-    """Return the event of a calibration change between the two newest tests, if there was one."""
+    """Return the event of a calibration change between the two newest tests, as a list.
+
+    The list is empty if the calibration is the same, or if the newest test was assessed before.
+    """
     entries = history.entries
     if len(entries) < 2 or outlook.stamp_ns in history.assessments:
         return []
@@ -51,7 +54,7 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
 
 
 def worn_baseline(history: History) -> BaselineChanged | None:
-    """Return the change that set the current baseline on a worn unit, or None."""
+    """Return the change to the current baseline if the unit showed faults at that time, or None."""
     newest = _baseline(history.entries[-1])
     earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
     before = next(earlier, None)

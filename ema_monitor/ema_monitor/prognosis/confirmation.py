@@ -12,10 +12,10 @@ from ema_monitor.prognosis.outlook import Outlook
 
 
 def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
-    """Return an outlook whose levels are not below the levels of any of the earlier tests.
+    """Return an outlook whose levels are not below the levels that the earlier tests showed.
 
-    Levels rise immediately. They fall once the newest test and all ``earlier`` tests show the lower
-    level.
+    A STALE outlook is returned unchanged. Levels rise immediately. They fall once the newest test
+    and all ``earlier`` tests show the lower level.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from ema_monitor.prognosis.service import TimedTest
 
 
 class DutyRecord:
-    """Cumulative damage at each test of a unit, from which its duty over time follows."""
+    """Cumulative damage at each test of a unit, from which the duty between tests is derived."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
@@ -27,7 +27,10 @@ class DutyRecord:
         self._until[entry.stamp_ns] = self._total
 
     def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
-        """Return the duty between tests, given in order of service hours; None if unknown."""
+        """Return the duty between tests; None if it is known for too few intervals.
+
+        The tests ``used`` must be in the order of their service hours.
+        """
         if len(used) <= REFERENCE_TESTS or not self._total[0]:
             return None
         hours = np.array([test.hours for test in used])

@@ -24,7 +24,8 @@ def with_unconfirmed_levels(outlook: Outlook, history: History, confirmations: i
     history
         Tests so far.
     confirmations
-        Number of consecutive tests that confirm the end. Records without a judgement do not count.
+        Number of consecutive tests that confirm the end. Records of a joint that neither show a
+        departure nor determine the friction do not count.
     """
     newest = history.entries[-1].estimate
     earlier = (entry for entry in reversed(history.entries[:-1]) if _counts(entry.estimate))

@@ -21,7 +21,7 @@ OCCURRENCES: Final[dict[str, type["Occurrence"]]] = {}
 
 @dataclass(frozen=True)
 class Occurrence:
-    """What happened to a unit or to its monitoring; a subclass for each sentence."""
+    """Base class: what happened to a unit or to its monitoring. Each subclass has one sentence."""
 
     code: ClassVar[str]
     """Name of the subclass in records."""
@@ -39,7 +39,7 @@ class Occurrence:
 
     @property
     def count(self) -> int:
-        """Number of tests that it concerns; 0 without a number."""
+        """Number of tests that the occurrence concerns; 0 if it has no such number."""
         return 0
 
     def as_record(self) -> dict[str, Any]:
@@ -120,7 +120,7 @@ class ValuesDisagree(Occurrence, code="values_disagree", kind=EventKind.OUTLIER)
 class ValueUnexpected(Occurrence, code="value_unexpected", kind=EventKind.OUTLIER):
     """Growth does not explain a value. The test is held back until the next test.
 
-    If that test agrees, `ValueChanged` follows; otherwise the held test is discarded.
+    If the next test agrees, `ValueChanged` follows; otherwise the held test is discarded.
     """
 
     component: str
@@ -246,13 +246,13 @@ class EstimatesMissing(Occurrence, code="estimates_missing", kind=EventKind.GAP)
 
     @property
     def count(self) -> int:
-        """Number of these tests."""
+        """Number of tests without a valid estimate."""
         return self.tests
 
 
 @dataclass(frozen=True)
 class DuplicateIgnored(Occurrence, code="duplicate_ignored", kind=EventKind.OTHER):
-    """A test is already in the history."""
+    """A received test is ignored, because it is already in the history."""
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class UncountedDropped(Occurrence, code="uncounted_dropped", kind=EventKind.SERV
 
     @property
     def count(self) -> int:
-        """Number of these tests."""
+        """Number of tests that are left out."""
         return self.tests
 
 

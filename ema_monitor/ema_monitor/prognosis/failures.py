@@ -17,6 +17,8 @@ def with_earlier_failure(
 ) -> Outlook:
     """Return the outlook with an earlier failure, which persists until tests confirm its end.
 
+    An outlook without such a failure is returned unchanged.
+
     Parameters
     ----------
     outlook

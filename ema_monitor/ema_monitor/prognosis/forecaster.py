@@ -204,7 +204,10 @@ def _required(
     limits: HealthLimits,
     requirements: Requirements | str | None,
 ) -> RequiredLife | str:
-    """Return the remaining life according to the requirements, or the reason why it is unknown."""
+    """Return the remaining life according to the requirements, or the reason why it is unknown.
+
+    The reason is "" for a joint, which has no requirements.
+    """
     if requirements is None:
         return ""
     if isinstance(requirements, str):
@@ -285,7 +288,8 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
     Returns
     -------
     numpy.ndarray
-        Lives in the order of ``by_faults``, infinite where neither ends [h], ``(n,)``.
+        Lives in the order of ``by_faults``, infinite where neither ends [h], ``(n,)``. If one of
+        the lives is unknown, the samples of the other.
     """
     if not by_requirements.size:
         return by_faults

@@ -171,7 +171,7 @@ class GrowthRecord:
         return all(np.array_equal(before, present[:n]) for before, present in pairs)
 
     def _update(self) -> list[Occurrence]:
-        """Process new tests with the tracker. Return values that growth does not explain."""
+        """Process new tests. Return events for values that growth does not explain."""
         reported = set[int]()
         # Once the reference duty is known, earlier tests must be counted by damage as well.
         if not self._begins_with(self._fed):

@@ -115,7 +115,7 @@ class History:
 
     @property
     def newest(self) -> Test | None:
-        """The test with the latest stamp, valid or refused; None for an empty history."""
+        """The test with the latest stamp, valid or refused, not skipped; None if there is none."""
         refused = [test for test in self.unused if test.verdict != SKIPPED]
         return max([*self.entries[-1:], *refused], key=lambda test: test.stamp_ns, default=None)
 
@@ -133,7 +133,11 @@ class History:
         return self._is_valid.get(stamp_ns, False)
 
     def time_of(self, end_ns: int) -> int:
-        """Return the time of the latest test with this end [ns]; ``end_ns`` if there is none."""
+        """Return the time by which the test whose window ends at ``end_ns`` is ordered [ns].
+
+        ``end_ns`` is the stamp in the telemetry [ns]. If several tests have it, the last added test
+        counts. If no test has it, it is returned.
+        """
         latest_first = reversed(self.tests)
         return next((test.stamp_ns for test in latest_first if test.end_ns == end_ns), end_ns)
 
@@ -251,7 +255,7 @@ class History:
         return key, record, zlib.crc32(f"{self.unit} {key} {record}".encode())
 
     def _open(self, path: Path) -> None:
-        """Read a file, or rename it if it is damaged."""
+        """Read a file. If it is damaged, rename it and write its intact tests to a new file."""
         try:
             self._read(self._connect(path))
         except (sqlite3.DatabaseError, ValueError) as error:

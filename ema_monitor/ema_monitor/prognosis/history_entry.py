@@ -108,7 +108,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class UnusedCycle:
-    """A test cycle that counts as use but has no valid estimate."""
+    """A test cycle that counts as usage but has no valid estimate."""
 
     stamp_ns: int
     """Time of the window's end, by which tests are ordered [ns]."""

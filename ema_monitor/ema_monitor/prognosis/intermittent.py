@@ -69,7 +69,7 @@ class _Sign:
         self._judge()
 
     def pass_over(self) -> None:
-        """Note an inconclusive test: the sign may grow or fade."""
+        """Note an inconclusive test: an appearance of the sign in the next test is not sudden."""
         self._is_near_limit = True
 
     def acknowledge(self, stamp_ns: int) -> None:

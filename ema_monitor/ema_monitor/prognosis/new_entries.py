@@ -31,7 +31,7 @@ def next_entry(
     hours_per_cycle
         Flight hours per test cycle [h]; 0 if service hours are counted.
     new_cycles
-        Test cycles since the latest valid test.
+        Test cycles after the latest valid test, including this test.
     count
         Latest count of service hours read before the test, or None.
     flown
@@ -88,6 +88,6 @@ def late_entry(
 
 
 def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
-    """Return the later of the counts that were read before the end of a test [ns], or None."""
+    """Return the later of the counts that were read until the end of a test [ns], or None."""
     read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)

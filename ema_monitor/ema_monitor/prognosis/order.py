@@ -44,9 +44,9 @@ def place_of(
 
     Tests are ordered by stamp. If the stamp is not later than the newest stamp, the order of
     reception counts in two cases: the clock went back, so that the receiver's clock is behind the
-    reception of the newest test, or the test was received while it was measured. Otherwise the
-    order is unknown. A test of a recording is placed by its stamp, unless another test has the same
-    stamp.
+    reception of the newest test, or the test was received while it was measured. Later tests with
+    such stamps follow with the same correction. Otherwise the order is unknown. A test of a
+    recording is placed by its stamp, unless another test has the same stamp.
 
     Parameters
     ----------

@@ -144,9 +144,10 @@ class Outlook(Displayed):
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
     """Calibration of each fault's past predictions, if known."""
     failure: str = ""
-    """Failure of drive or shaft in the newest test; empty if there is none."""
+    """Failure of drive, sensor or shaft in the newest test; empty if there is none."""
     departure: str = ""
-    """Unexplained difference of the newest test from healthy tests; empty if there is none."""
+    """Unexplained difference from healthy tests in the newest test, or a difference or failure in
+    an earlier test whose end is not confirmed yet; empty if there is none."""
     claim: Claim = field(default_factory=Claim)
     """Origin and validity of the level."""
     last_level: int = STALE

@@ -30,7 +30,7 @@ class PendingEvents:
     Parameters
     ----------
     occurrences
-        What happened before the first test.
+        Occurrences before the first test.
     restarted
         Time at which a history was opened [ns], and its number of tests; None for no restart event.
     """
@@ -44,7 +44,7 @@ class PendingEvents:
         self._ignores_usage = False
 
     def report(self, occurrences: Iterable[Occurrence]) -> None:
-        """Add what a test shows; it becomes events of the latest test."""
+        """Add occurrences that a test shows; they become events of the latest test."""
         self._occurrences += occurrences
 
     def report_repeated(self) -> None:
@@ -66,7 +66,11 @@ class PendingEvents:
             self.report([departure])
 
     def ignored_usage(self, count: Count | None, hours_per_cycle: float) -> list[Occurrence]:
-        """Return the event that counts are ignored, once, if ``hours_per_cycle`` is set."""
+        """Return the event that counts are ignored because ``hours_per_cycle`` is set, as a list.
+
+        The list is empty if there is no count, if the parameter is 0, or if the event was returned
+        before.
+        """
         if count is None or hours_per_cycle <= 0.0 or self._ignores_usage:
             return []
         self._ignores_usage = True

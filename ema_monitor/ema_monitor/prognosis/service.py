@@ -225,7 +225,10 @@ class ServiceHours:
         return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
     def _drop_uncounted(self) -> list[Occurrence]:
-        """Drop tests whose hours follow from test cycles, because these do not mix with counts."""
+        """Drop tests whose hours were computed from test cycles. Return the event, if any.
+
+        Such hours cannot be combined with counts.
+        """
         if not (dropped := self._uncounted):
             return []
         self.used = [test for test in self.used if test.is_counted]

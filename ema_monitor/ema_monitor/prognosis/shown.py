@@ -53,7 +53,7 @@ class LastShown:
 
 
 def recent_from_ns(entries: Sequence[Entry], good_for_s: float) -> int:
-    """Return the stamp of the oldest recent test [ns].
+    """Return the stamp from which on tests are recent [ns].
 
     Parameters
     ----------

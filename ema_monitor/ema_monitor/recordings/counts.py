@@ -9,7 +9,7 @@ from ema_ros.stamps import stamp_from_message
 
 
 def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
-    """Read the service-life counts of a unit from a bag. Return the counts and their defects.
+    """Return the service-life counts of a unit in a bag, and remarks on ignored messages.
 
     Parameters
     ----------

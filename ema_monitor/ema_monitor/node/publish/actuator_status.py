@@ -54,7 +54,8 @@ class ActuatorStatus:
         Steady time of its latest telemetry [ns]; before the first telemetry, the steady time at
         which it was added.
     latency_s
-        Time from the end of the latest window to its estimate [s].
+        Time from the end of a window to its estimate, for the latest valid estimate [s]; NaN
+        before.
     alternation
         Warning that several units use the name in turn; empty for a single unit.
     runs
@@ -192,7 +193,10 @@ class ActuatorStatus:
         return change
 
     def expire(self, good_for_s: float, now: Moment) -> HealthMessage | None:
-        """Publish the health if it has just become stale. Return the message, if published."""
+        """Publish the health if it has just become stale. Return the message, if published.
+
+        Also updates ``is_silent``.
+        """
         silent_s = (now.steady_ns - self.received_ns) * 1e-9
         self.is_silent = silent_s > min(_SILENT_S, good_for_s)
         return self.health.expire(good_for_s, now, self.defects, self.learning)

@@ -106,7 +106,11 @@ class Actuators(dict[str, ActuatorStatus]):
             return now
 
     def _step_back(self, now: Moment, back_s: float) -> None:
-        """Withdraw the levels of all actuators; in simulated time, forget later tests."""
+        """Withdraw the levels of all actuators after a backward step of the clock.
+
+        In simulated time, later tests are discarded. Otherwise all tests are marked as measured
+        before the step.
+        """
         reason = f"the clock went back by {back_s:.0f} s: the next test gives the level"
         self._log.warning(reason)
         for status in self.values():

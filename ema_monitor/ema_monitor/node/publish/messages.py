@@ -304,7 +304,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
-    """Return an estimate message for a failed call: every number is NaN."""
+    """Return an estimate message for a failed call: all its floating-point numbers are NaN."""
     message = _without_figures(FaultEstimate())
     message.actuator_id, message.reason = actuator_id, reason
     message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL_UNOBSERVABLE
@@ -312,7 +312,7 @@ def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
 
 
 def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
-    """Return a health message for a failed call: every number is NaN."""
+    """Return a health message for a failed call: all its floating-point numbers are NaN."""
     message = _without_figures(HealthMessage())
     message.actuator_id, message.reason = actuator_id, reason
     message.level = HealthMessage.STALE

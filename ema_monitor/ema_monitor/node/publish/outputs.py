@@ -75,7 +75,10 @@ class Outputs:
         return publisher
 
     def remove(self, actuator_id: str) -> None:
-        """Remove the publishers of an actuator, after its latest messages are received."""
+        """Remove the publishers of an actuator.
+
+        Each waits at most 0.2 s until subscribers have received its latest message.
+        """
         with self._lock:
             for key in [key for key in self._latched if key[1] == actuator_id]:
                 publisher = self._latched.pop(key)

@@ -132,13 +132,13 @@ class ShownHealth:
         return self.withdraw(learning or "; ".join(filter(None, [reason, defects])))
 
     def withdraw(self, reason: str) -> HealthMessage | None:
-        """Publish unknown health with a reason. Return the published message."""
+        """Publish unknown health with a reason. Return the message; None if not yet described."""
         self.outlook = self.outlook.stale(reason)
         self._is_withdrawn = True
         return self._publish_as_is()
 
     def end_claim(self, reason: str) -> HealthMessage | None:
-        """Invalidate the level of all tests so far. Return the published message."""
+        """Invalidate the level of all tests so far. Return the message; None without a level."""
         self._end_of_claim = reason
         is_known = self._assessed is not None and self.outlook.health.level != STALE
         return self.withdraw(reason) if is_known else None

@@ -188,7 +188,10 @@ class Admission:
         return f"not monitored: the limit most_actuators = {limit} is reached" if is_first else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
-        """Count a malformed message of an unmonitored actuator. Return whether it is the first."""
+        """Count a malformed message of an unmonitored actuator. Return whether it is the first.
+
+        Messages with and without ``actuator_id`` are counted separately.
+        """
         kind = _Ignored.UNKNOWN if actuator_id else _Ignored.UNNAMED
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1

@@ -74,7 +74,10 @@ class ReceiverClock:
         return self._passed_ns
 
     def read(self) -> tuple[Moment, int]:
-        """Return the time and the backward clock step since the previous call [ns]."""
+        """Return the time, and the backward clock step since the previous call [ns].
+
+        The step is 0 if it is shorter than 1 s.
+        """
         clock_ns = self._read_ns()
         if self.is_simulated:
             return self._read_simulated(clock_ns)

@@ -72,7 +72,7 @@ class Baselines:
         return self._folder is not None and not description.is_modelled
 
     def resume(self, description: ActuatorDescription) -> None:
-        """Publish the progress of a unit that has just been described."""
+        """Publish the progress of a newly described unit, if its baseline is learned."""
         if not self.learns(description):
             return
         if (reason := _unlearnable(description)) is not None:
@@ -126,7 +126,11 @@ class Baselines:
         return learning_estimate(window, *filter(None, (progress, reason)))
 
     def note(self, diagnosed: Diagnosed, window: Window) -> None:
-        """Store a record as a candidate to extend the accepted baseline, unless it departs."""
+        """Store a record as a candidate to extend the accepted baseline.
+
+        Records without a valid estimate, with a departure or with a doubtful comparison are
+        ignored.
+        """
         description, estimate = diagnosed.description, diagnosed.estimate
         comparison = estimate.comparison
         if not self.learns(description) or estimate.verdict != VALID or comparison is None:
@@ -225,7 +229,10 @@ class Baselines:
         return f"the unit is not healthy ({alarm})" if alarm else ""
 
     def _fit(self, baseline: UnitBaseline) -> BaselineChange | None:
-        """Fit the candidates if due, and accept the baseline if the settings ask for it."""
+        """Fit the candidates if due, and accept the baseline if the settings ask for it.
+
+        Returns the change; None if the baseline was not accepted.
+        """
         operation = self._operation.value
         needed, days = operation.accept_after, operation.accept_days
         progress = baseline.progress()

@@ -195,7 +195,10 @@ class CalibrationCalls:
             )
 
     def _healthy_windows(self, unit: ActuatorStatus, number: int, goal: Any) -> Iterator[Window]:
-        """Yield the next windows of an actuator, without refused windows; report each to a goal."""
+        """Yield the next windows of an actuator, without refused windows; report each to a goal.
+
+        Raises ValueError if a window does not arrive in time, or if the goal is cancelled.
+        """
         timeout_s = self._goals.timeout_s(unit)
         work = self._worker.of(unit.actuator_id)
         with work.next_windows() as windows:

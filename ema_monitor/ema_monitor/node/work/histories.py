@@ -90,7 +90,7 @@ class Histories:
         return unit
 
     def estimates(self, description: ActuatorDescription) -> list[Estimate]:
-        """Return the valid estimates in a unit's history, in order."""
+        """Return the valid estimates in a unit's history, in order; none if it cannot be opened."""
         try:
             entries = self.of(description).history.entries
         except Exception as error:

@@ -57,8 +57,8 @@ class UnitPrognoses:
     def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
         """Record a test. Return the updated health and life; None if they are unchanged.
 
-        If the test cannot be recorded and the history is empty, the outlook of this test alone is
-        returned, with the reason.
+        If the test cannot be recorded, the outlook from the history is returned as STALE. If the
+        history is empty or fails, the outlook of this test alone is returned. Both have the reason.
         """
         settings, now_ns, key = self._histories.settings(), self._now_ns(), description.unit_key
         try:

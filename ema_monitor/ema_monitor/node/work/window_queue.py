@@ -117,7 +117,7 @@ class WindowQueue:
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Return a context that yields whether the current window's estimate may be published.
+        """Yield whether the estimate of the current window may be published, as a context manager.
 
         The current window is the last that ``next`` returned. Its estimate may be published within
         this context only, and not if the window was abandoned.

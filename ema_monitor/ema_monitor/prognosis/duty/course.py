@@ -165,7 +165,10 @@ class DutyCourse:
 
     @property
     def own_hours(self) -> Array:
-        """Growth hours of each component at the tests [h], ``(n, 7)``."""
+        """Growth hours of each component at the tests [h], ``(n, 7)``.
+
+        Components without a reference duty have service hours.
+        """
         grown = np.cumsum(self.relative * self.elapsed, axis=1)
         growth_hours = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
         growth_hours[~np.append(np.isfinite(self.reference), False)] = self.hours
@@ -210,7 +213,10 @@ class DutyCourse:
         return FutureDuty(factor, present, later, lasting, since_hours, repeated)
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
-        """Return mean growth hours per service hour of paths from a block bootstrap, ``(7, p)``."""
+        """Return mean growth hours per service hour of paths from a block bootstrap, ``(7, p)``.
+
+        The intervals from index ``since`` on are drawn.
+        """
         intervals = since + np.flatnonzero(self.elapsed[since:] > 0.0)
         # Successive intervals are correlated: draw blocks of them.
         n = intervals.size

@@ -26,6 +26,9 @@ def count_travel(
 ) -> float:
     """Add the travel of a shaft to load classes, in place. Return the last counted angle.
 
+    Samples without a finite position or with a NaN current are skipped. Travel is counted once it
+    reaches ``RESOLUTION``.
+
     Parameters
     ----------
     position
@@ -65,7 +68,7 @@ class DutyMeter:
     pieces
         Queue to which ``cut`` appends a window's end stamp [ns] and the duty since the last cut.
     most_pieces
-        Largest length of the queue; beyond it, the two oldest pieces are merged.
+        Largest length of the queue; beyond it, the two oldest pieces are merged. None: unlimited.
     """
 
     def __init__(
@@ -81,7 +84,11 @@ class DutyMeter:
     def add(
         self, block: Telemetry, parameters: ActuatorParameters, rise: float | None = None
     ) -> None:
-        """Add a block, and the winding's rise over the calibrated temperature [K] if known."""
+        """Add the duty of a block of telemetry.
+
+        ``rise`` is the temperature rise of the winding over the calibrated state [K]; None if
+        unknown.
+        """
         if block.first_index != self._next_index:
             self._last = np.nan
         self._next_index = block.first_index + len(block)

@@ -66,7 +66,10 @@ class Bank(Kept):
         return rates
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Propagate all cells by the growth hours of each component, ``(7,)`` [h]; mix paces."""
+        """Propagate all cells by the growth hours of each component, ``(7,)`` [h], and mix paces.
+
+        ``weight``, the probability of each cell, ``(n,)``, is updated in place.
+        """
         cell_hours = hours[self.cells.component]
         if cell_hours.any():
             mix_paces(
@@ -77,7 +80,10 @@ class Bank(Kept):
             law.advance(levels, figures, cell_hours[part], self._settings.noise_hours)
 
     def change(self, weight: Array) -> None:
-        """Apply the onset and change probabilities of the settings."""
+        """Move probability between the cells by the onset and change probabilities of the settings.
+
+        ``weight``, the probability of each cell, ``(n,)``, is updated in place.
+        """
         owner = self.cells.component
         out = self._leaving * weight
         mass = np.maximum(self._sums(out), LEAST_PROBABILITY)
@@ -108,7 +114,9 @@ class Bank(Kept):
         -------
         tuple of numpy.ndarray
             Log-likelihood of each cell, and predicted probability of a value below the measured
-            value, ``(n,)`` each; 0 for components that the test does not show.
+            value, ``(n,)`` each. The log-likelihood is 0 for components that are neither in
+            ``plain`` nor in ``near``; the probability is 0 for components that are not in
+            ``plain``.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)

@@ -151,7 +151,7 @@ class PredictionCheck(Kept):
 
     @property
     def is_due(self) -> bool:
-        """Whether a prediction must be stored after this test."""
+        """Whether a prediction must be stored after the latest test."""
         return self._tests % EVERY == 0 and self._tests >= EVERY
 
     def hours_ahead(self, hours: float) -> Array:
@@ -184,7 +184,7 @@ class PredictionCheck(Kept):
         return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
 
     def of(self, number: int) -> TrackRecord:
-        """Return the calibration of a component."""
+        """Return the calibration of the past predictions of a component."""
         counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
         one_step, ahead = (
             math.sqrt(total / count) if count >= _LEAST else math.nan
@@ -196,6 +196,8 @@ class PredictionCheck(Kept):
 
 def widened_lives(hours: Array, factor: Array) -> Array:
     """Return remaining lives [h], widened around the median of each component.
+
+    Lives of a component whose median is 0 or infinite are unchanged.
 
     Parameters
     ----------

@@ -32,7 +32,10 @@ class Correction(NamedTuple):
 
 
 def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
-    """Return the state updates for innovations whose noise has occasional large errors."""
+    """Return the state updates for innovations whose noise has occasional large errors.
+
+    ``usual`` is the variance of the innovations without a large error.
+    """
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
@@ -63,6 +66,8 @@ def near_healthy_update(
     log_likelihood: Array,
 ) -> None:
     """Update Gaussians in place, ``(n,)``, given that the estimate was set to healthy.
+
+    ``log_likelihood`` is overwritten with the log-likelihood of this observation.
 
     The value plus an error of variance ``noise`` then lies at most ``reach`` standard deviations of
     the error above healthy, or within this distance on either side where ``two_sided``. The moments

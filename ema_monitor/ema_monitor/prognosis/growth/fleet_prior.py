@@ -112,7 +112,7 @@ def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Ar
     Parameters
     ----------
     likelihoods
-        Log-likelihoods of each unit, ``(curves, rates)`` each.
+        Log-likelihoods of each grown fault of the units, ``(curves, rates)`` each.
     prior
         Fleet-independent prior, ``(curves, rates)``.
     """

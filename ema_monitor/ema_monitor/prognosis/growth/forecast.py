@@ -105,7 +105,10 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
 
 
 def lives(sample: Draw, rng: np.random.Generator) -> Array:
-    """Return the growth hours until each sample first reaches its limit, ``(7, n)`` [h]."""
+    """Return the growth hours until each sample first reaches its limit, ``(7, n)`` [h].
+
+    The hours are infinite if the sample never reaches its limit.
+    """
     hours, scale = np.empty(sample.cell.shape), np.empty(sample.cell.shape)
     for law, at, of in sample.by_law():
         hours[at], scale[at] = law.passage(sample.x[at], of, sample.noise_hours, rng)

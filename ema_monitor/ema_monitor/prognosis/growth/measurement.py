@@ -116,7 +116,11 @@ class Measurement:
         return np.where(self.seen, np.diag(self.covariance)[INDICES], 1.0)
 
     def normalized_innovation(self, mean: Array, variance: Array) -> Array:
-        """Return each component's absolute normalized innovation, ``(7,)`` [sigmas]."""
+        """Return each component's absolute normalized innovation, ``(7,)`` [sigmas].
+
+        If the estimate set a component to healthy, only the part beyond ``REACH`` counts. The
+        innovation is 0 for components that are not shown.
+        """
         away = np.abs(self.value - mean)
         reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)
         total = np.sqrt(self.noise + variance)

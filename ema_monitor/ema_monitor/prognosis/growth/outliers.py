@@ -49,7 +49,10 @@ class OutlierDetector(Kept):
         self._patience = 0
 
     def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[GrowthEvent]]:
-        """Return the first held test that agrees with this test (or None), and the events."""
+        """Return the first held test that agrees with this test (or None), and the events.
+
+        If no held test agrees, this test is held as well.
+        """
         events: list[GrowthEvent] = []
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2

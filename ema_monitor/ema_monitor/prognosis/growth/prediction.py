@@ -51,10 +51,10 @@ class TrackedFault:
     """Number of tests used for the component."""
     value: float
     sigma: float
-    """Mean and standard deviation, in the units of the fault vector [-]; NaN before the first
+    """Mean and standard deviation in the units of the fault vector [-]; NaN before the first
     test."""
     trend: float
-    """Growth rate of the value [1/h]."""
+    """Growth rate of the value [1/h]; NaN before the first test."""
     calibration: TrackRecord
     """Calibration of the component's past predictions."""
 
@@ -91,15 +91,18 @@ class Prognosis:
     """Remaining useful life of an actuator, counted from its latest test."""
 
     hours: float
-    """Service hour of the latest test [h]; NaN if there was no test."""
+    """Service hour of the latest test [h]; NaN before the first test or if it is unknown."""
     components: Mapping[str, RemainingLife]
     """Life until each component reaches its limit, by component name."""
     overall: RemainingLife
     """Life until the first component reaches its limit."""
     dominant_fault: str
-    """Component that most often reaches its limit first; empty if no component is known to grow."""
+    """Component that most often reaches its limit first; empty if no component has a known life."""
     samples: Array
-    """Samples of the overall life, ``(n,)`` [h]; infinite if unknown."""
+    """Samples of the overall life, ``(n,)`` [h].
+
+    Infinite if no component has a known life; empty if the service hours are unknown.
+    """
     future: FutureDuty
     """Assumed future duty."""
     levels: Array = field(default_factory=lambda: np.empty(0))

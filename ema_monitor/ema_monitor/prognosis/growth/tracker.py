@@ -182,7 +182,10 @@ class Tracker(Kept):
     def _use(
         self, measurement: Measurement, changed: Flags | bool = False, held: Flags | bool = False
     ) -> None:
-        """Update with a test; reset components in ``changed`` and skip components in ``held``."""
+        """Update with a test, except the components in ``held`` and in ``changed``.
+
+        The components in ``changed`` have been reset to the test. They count as measured.
+        """
         used = measurement.seen & ~np.logical_or(changed, held)
         first = used & (self._tests == 0)
         for number in np.flatnonzero(first):

@@ -52,8 +52,8 @@ class Waves(Kept):
     Attributes
     ----------
     prior
-        Prior probabilities, ``(7, k)``; they sum to ``prior`` for each component, or to 0 if its
-        law is known.
+        Prior probabilities, ``(7, k)``; they sum to the argument ``prior`` for each component, or
+        to 0 if its law is known.
     grows
         Whether each filter models growth, ``(k,)``.
     mean, covariance
@@ -98,11 +98,17 @@ class Waves(Kept):
         self.covariance[number] = covariance
 
     def rates(self) -> Array:
-        """Return the growth rate of each filter, excluding the wave, ``(7, k)`` [1/h]."""
+        """Return the growth rate of each filter, excluding the wave, ``(7, k)`` [1/h].
+
+        The rate is 0 for filters without growth.
+        """
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Propagate all filters by the hours of each component, ``(7,)`` [h]; growth may begin."""
+        """Propagate all filters by the hours of each component, ``(7,)`` [h]; growth may begin.
+
+        ``weight``, the probability of each filter, ``(7, k)``, is updated in place.
+        """
         self._begin(weight)
         hours = hours[:, None]
         rate, turn = self.rates(), hours * self.omega
@@ -154,7 +160,9 @@ class Waves(Kept):
         -------
         tuple of numpy.ndarray
             Log-likelihood of each filter, and predicted probability of a value below the measured
-            value, ``(7, k)`` each; 0 for components that the test does not show.
+            value, ``(7, k)`` each. The log-likelihood is 0 for components that are neither in
+            ``plain`` nor in ``near``; the probability is 0 for components that are not in
+            ``plain``.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = plain, self.moments()
@@ -205,7 +213,10 @@ class WaveDraw:
     """Reciprocal of the limit, negative for growth in the negative direction, ``(m,)``."""
 
     def lives(self) -> Array:
-        """Return the time until each sample first reaches its limit, ``(m,)`` [h]."""
+        """Return the time until each sample first reaches its limit, ``(m,)`` [h].
+
+        The time is infinite without growth.
+        """
         return _first_passages(self.state * self.scale[:, None], self.omega)
 
     def values(self, hours: Array) -> Array:
@@ -217,7 +228,10 @@ class WaveDraw:
 
 @kernel()
 def _first_passages(state: Array, omega: Array) -> Array:
-    """Return the time until the sum of level and wave first reaches 1, ``(m,)`` [h]."""
+    """Return the time until the sum of level and wave first reaches 1, ``(m,)`` [h].
+
+    The time is infinite if the sum is below 1 now and the rate is below ``_LEAST_RATE``.
+    """
     result = np.empty(omega.size)
     for i in range(omega.size):
         x, rate, c, s = state[i]

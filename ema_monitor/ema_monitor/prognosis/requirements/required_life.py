@@ -67,7 +67,7 @@ class RequiredLife:
     with_limits: RemainingLife
     """Remaining life until the first requirement fails or the first fault reaches its limit."""
     samples: Array = field(default_factory=lambda: np.empty(0))
-    """Samples of ``with_limits`` [h], ``(m,)``; empty if no life is known."""
+    """Samples of ``with_limits`` [h], ``(m,)``; empty if ``overall`` is unknown."""
 
     @classmethod
     def unknown(
@@ -150,6 +150,9 @@ def lives_by_requirements(
     failures: Mapping[str, Array], required: Requirements | RequirementLimits, horizon_hours: float
 ) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
     """Return the life under each requirement, the life until the first fails, and its name.
+
+    The name is that of the requirement that fails first in most samples; "" if the life until the
+    first failure is unknown.
 
     Parameters
     ----------

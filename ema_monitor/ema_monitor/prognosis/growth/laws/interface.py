@@ -46,14 +46,20 @@ class Figures(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Probability, mean and variance of each cell's level, ``(n,)``; modified in place."""
+    """Gaussian filters of cells of the same law, ``(n,)`` each.
+
+    `Law.advance` updates the arrays in place.
+
+    Each cell is a hypothesis about shape and rate. Its filter estimates the level, which is the
+    signed distance from healthy.
+    """
 
     weight: Array
-    """Probability of each cell [-]."""
+    """Probability that the hypothesis of the cell is true [-]."""
     mean: Array
-    """Mean signed distance from healthy [-]."""
+    """Mean of the level [-]."""
     variance: Array
-    """Variance of the distance [-]."""
+    """Variance of the level [-]."""
 
 
 class Future(NamedTuple):
@@ -140,7 +146,10 @@ class Law:
         return hours, hours**2 / max(noise_hours, 1e-12)
 
     def future(self, x: Array, of: Figures, ahead: Future, rng: np.random.Generator) -> Array:
-        """Return future distances from healthy, ``(m, n)`` [-]."""
+        """Return the distances from healthy at the times ``ahead``, ``(m, n)`` [-].
+
+        ``x`` contains the present distances, ``(n,)`` [-].
+        """
         x = np.maximum(x, 0.0)
         return x + self.increment(x, of, ahead.time(ahead.paced))
 
