@@ -95,7 +95,7 @@ class SampleRuns:
             run.before = None
 
     def pause(self) -> None:
-        """Discard all runs, so that blocks missed during a pause of the reception are not counted."""
+        """Discard all runs, so that blocks missed in a pause of the reception are not counted."""
         self._runs.clear()
 
 

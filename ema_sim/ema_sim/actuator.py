@@ -232,7 +232,10 @@ def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
 
 
 def _check_decay(motor: MotorConstants, causes: Mapping[str, Profile]) -> None:
-    """Raise ``ValueError`` if the time constant of a phase is shorter than the step."""
+    """Raise ``ValueError`` if the time constant of a phase is shorter than the step of 1 us.
+
+    The highest winding temperature of the causes is assumed.
+    """
     warmth = causes["winding_temperature"].value if "winding_temperature" in causes else 0.0
     R_s = motor.R_s * (1.0 + COPPER * max(warmth, 0.0))
     decay = DT * R_s / (motor.L_s * min(motor.N_a, motor.N_b, motor.N_c))

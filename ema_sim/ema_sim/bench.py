@@ -229,7 +229,7 @@ class ActuatorBench:
         trial.advance([0.0])
 
     def _trial(self, causes: Causes) -> SimulatedActuator:
-        """Return a healthy actuator with the parameters of the bench."""
+        """Return a healthy actuator with the parameters of the bench and hidden causes."""
         h = self.description.sample_period
         trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
         trial.causes = causes

@@ -92,7 +92,7 @@ def grow(
     growths
         Growth, keyed by component; components without an entry stay constant.
     hours_before
-        Service hours since the growths were set [h].
+        Service hours from the setting of the growths to the step [h]; ``onset`` counts from there.
     hours_step
         Further service hours [h].
 

@@ -95,7 +95,7 @@ def run_to_failure(
     with_repair: bool = False,
     typical: Mapping[str, TypicalGrowth] = TYPICAL,
 ) -> SimulatedLife:
-    """Draw the life of a new actuator until a fault reaches its limit.
+    """Return the random life of a new actuator until a fault reaches its limit.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def run_to_failure(
 def constant_life(
     limits: Mapping[str, float], rng: np.random.Generator, settings: LifeSettings | None = None
 ) -> SimulatedLife:
-    """Draw a life in which no fault grows.
+    """Return a random life in which no fault grows.
 
     Parameters
     ----------
@@ -200,7 +200,10 @@ def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[
 def _drawn_growth(
     typical: TypicalGrowth, rng: np.random.Generator, share: float, settings: LifeSettings
 ) -> Growth:
-    """Draw the growth of a component with its rate scaled by ``share``."""
+    """Return the random growth of a component with its rate scaled by ``share``.
+
+    The component does not grow if ``share`` is 0.
+    """
     rate = typical.rate * math.exp(typical.rate_sigma * rng.standard_normal())
     onset = typical.latest_onset * rng.random()
     side = float(rng.choice([-1.0, 1.0]))
@@ -222,7 +225,7 @@ def _draw_life(
     *,
     with_repair: bool,
 ) -> SimulatedLife | None:
-    """Draw a life and return it, or None if it is too short or too long."""
+    """Return a random life, or None if it is too short or too long, or if another fault ends it."""
     names = {
         kind: KINDS[kind][int(rng.integers(len(KINDS[kind]))) if len(KINDS[kind]) > 1 else 0].name
         for kind in typical
@@ -266,7 +269,7 @@ def _draw_life(
 def _first_passage(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return the index of the first component to reach its limit, and the share of the step before.
+    """Return the index of the first component at its limit, and the share of the step before.
 
     The share is infinite if no component reaches its limit.
     """

@@ -68,7 +68,7 @@ class AirGap(NamedTuple):
 
 @kernel()
 def trapezoid(theta_e):
-    """Return the unclipped back-EMF shape of a phase at its electrical angle [rad] (M2).
+    """Return the unclipped back-EMF shape of a phase [-] at its electrical angle [rad] (M2).
 
     The phase is driven where the shape is outside +-1.
     """
@@ -111,7 +111,11 @@ def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
 
 @kernel()
 def windings(motor: MotorConstants):
-    """Return the windings of a motor; phase values are half the values between two terminals."""
+    """Return the windings of a motor, for the healthy fractions of the turns of its phases.
+
+    A healthy phase has half of the resistance and inductance between two terminals. The resistance
+    is proportional to the number of turns, the inductance to its square.
+    """
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)

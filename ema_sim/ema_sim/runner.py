@@ -64,7 +64,9 @@ class Pacer:
             self._due = self._clock()
 
     def wait(self, simulated_s: float, stop: threading.Event) -> bool:
-        """Wait until the next block is due; return False if ``stop`` is set.
+        """Wait until the end of the next block is due; return whether to go on.
+
+        The result is False if ``stop`` is set.
 
         Parameters
         ----------

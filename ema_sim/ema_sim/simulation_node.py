@@ -85,7 +85,7 @@ class SimulationNode(ManagedNode):
         return [Task("simulation", level, runner.activity, self.hardware_id, values)]
 
     def publish(self, topic: str, message: Any) -> None:
-        """Publish a message on one of the topics."""
+        """Publish a message on one of the topics passed to ``run_bench``, or on ``/clock``."""
         self._publishers_by_topic[topic].publish(message)
 
     def publish_clock(self, stamp_ns: int) -> None:

@@ -21,13 +21,15 @@ WORSE: Final = "worse"
 
 
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
-    """Compare the errors of particle swarm runs with the thesis's errors, fault by fault.
+    """Return a table that compares errors of particle swarm runs with the thesis's, by fault.
 
     The rows are ``CASES``; the multiple fault is taken from the study of precision (table 57). The
-    columns are (source, quantity). The source "printed" has the faulty component (empty for the
-    multiple fault), its true value, and the number of runs, errors and mean estimate. Each
-    reproduced model with runs has number of runs, mean error, mean estimate and a verdict:
-    ``WITHIN`` the range of the thesis's errors, ``BETTER`` or ``WORSE``; empty without runs.
+    columns are (source, quantity). The source "printed" has the faulty component, its true value,
+    the number of runs, the lowest, mean and highest error, and the mean estimate. Each reproduced
+    model has the number of runs, the mean error, the mean estimate and a verdict: ``WITHIN`` the
+    range of the thesis's errors, ``BETTER`` or ``WORSE``. Models without runs are omitted; the
+    verdict is empty for a fault without runs. For the multiple fault, the component is empty, and
+    its value and estimates are NaN.
     """
     sources = by_source(runs)
     rows = {}

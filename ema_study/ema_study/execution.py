@@ -19,7 +19,7 @@ _RUNS_PER_WORKER: Final = 2
 
 
 def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
-    """Run jobs with one thread each; yield results in order of completion.
+    """Yield the results of jobs in order of completion; each job runs in one thread.
 
     Raises
     ------
@@ -34,11 +34,12 @@ def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
 
 
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
-    """Measure the time of the same runs with three modes of execution.
+    """Return the times of the same runs with three modes of execution.
 
     The modes are: serially on one core, serially with each generation on all cores, and in parallel
     processes. As in tables 9 and 10 of the thesis, the runs use differential evolution for the low
     friction fault. The result has one row per mode; ``seconds`` is the median of three rounds.
+    ``workers`` is the number of processes, by default the number of available processors.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers

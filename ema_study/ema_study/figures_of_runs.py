@@ -82,7 +82,9 @@ def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
 
 
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
-    """Draw the mean of each fault as bars, one row per algorithm and one column per level.
+    """Return a figure of the mean of each fault as bars, with a row per algorithm.
+
+    The two columns are the levels.
 
     Whiskers show one standard deviation if there are several runs. On the logarithmic axis of
     ``TIME`` they end at a tenth of the mean. ``runs`` has the runs of all sources.
@@ -102,7 +104,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
 
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
-    """Draw mean error and time for the multiple fault as bars, one column per study."""
+    """Return a figure of mean error and time for the multiple fault, with one column per study."""
     chosen = counted(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -153,9 +155,9 @@ def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
 
 
 def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
-    """Draw the lowest cost over the generations: runs as thin lines, and medians.
+    """Return a figure of the lowest cost over the generations: runs as thin lines, and medians.
 
-    ``runs`` is restricted to a model. There is one median per algorithm; stopped runs keep their
+    Only the runs of ``model`` are drawn. There is one median per algorithm; stopped runs keep their
     last value. A band extends from the cost at the true faults to the threshold.
     """
     chosen = counted(runs)

@@ -49,7 +49,9 @@ class Problem(NamedTuple):
 
 
 def reference(faults: Any, command: Command = THESIS_CHIRP, **noise: Any) -> Telemetry:
-    """Simulate the reference under a command, from rest with the motor centred in its play.
+    """Return the response of the reference to a command.
+
+    It starts from rest, with the motor centred in its play.
 
     ``faults`` is a fault vector, ``(8,)``, or a mapping of values keyed by name. As in the thesis,
     there is no approach, and the sensors are perfect. The current is the mean over each sample of

@@ -132,7 +132,7 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
 
 
 def by_model(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with the number of runs and the effect of the threshold, one row per model.
+    """Return a table with the number of runs and the effect of the printed threshold, by model.
 
     A model does not describe a fault if the true fault vector costs more than the healthy vector.
     """

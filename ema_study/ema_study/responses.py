@@ -61,9 +61,11 @@ def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
 
 @cache
 def noisy_response(noise_gain: float) -> Telemetry:
-    """Simulate the healthy reference under the chirp with white noise on its reference current.
+    """Return the response of the healthy reference to the chirp, with noise.
 
-    ``noise_gain`` is K_noise; the noise is held for 1 us.
+    White noise is added to the reference current.
+
+    ``noise_gain`` is K_noise; each value is held for 1 us.
     """
     return reference({}, noise_gain=noise_gain, rng=np.random.default_rng(2018))
 

@@ -40,7 +40,8 @@ SOURCES: Final = (
 def counted(runs: pd.DataFrame, first_table: int = 11) -> pd.DataFrame:
     """Return the runs used in statistics, with columns ``source`` and ``family``.
 
-    The trials of GA and DE (tables 8 to 10) and runs with the printed rule are excluded. A
+    ``family`` is the thesis's algorithm that a run implements. The trials of GA and DE (tables 8 to
+    10) and runs with the printed rule are excluded. A
     ``first_table`` of 9 includes the trials of DE. ``runs`` may be empty, without any columns.
     """
     if runs.empty:

@@ -54,7 +54,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
         return [job for job in jobs if job.key not in made]
 
     def add(self, result: RunResult) -> None:
-        """Write a run to disk."""
+        """Append a run to ``runs.jsonl`` and flush it to disk. Raises OSError."""
         content = {"version": numerics_version(), **asdict(result)}
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(content, allow_nan=False) + "\n")

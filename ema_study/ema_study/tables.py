@@ -101,7 +101,10 @@ def study_tables(runs: pd.DataFrame, numbers: Sequence[int] = NUMBERS) -> list[S
 
 
 def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
-    """Write each table as ``table_<number>.csv``, with columns "source: quantity"."""
+    """Write each table as ``table_<number>.csv``, and return the paths.
+
+    The columns are "source: quantity".
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for table in tables:

@@ -200,18 +200,18 @@ def constant_conditions(n: int, dry: float = 1.0, thick: float = 1.0) -> Vector:
 
 
 def rest(position: float) -> Vector:
-    """Return the state of an unloaded joint at rest."""
+    """Return the state of an unloaded joint at rest at ``position``, for `simulate_joint`."""
     return np.array([position, position, 0.0, 0.0, 0.0, 0.0])
 
 
 def held(position: float, load: float, plant: Plant) -> Vector:
-    """Return the state of a joint at rest, with the motor at ``position`` holding a load."""
+    """Return the state of a joint at rest, with the motor at ``position`` and a constant load."""
     twist = load / plant.stiffness + 0.5 * plant.play * np.sign(load)
     return np.array([position - twist, position, 0.0, 0.0, load, load])
 
 
 def plant_of(joint: SimulatedJoint, payload: float = 1.0) -> Plant:
-    """Return the plant of a joint; ``payload`` scales gravity and the inertia of the load."""
+    """Return the plant of a joint; ``payload`` scales load inertia, gravity and constant load."""
     reduced = joint.motor_inertia * joint.load_inertia / (joint.motor_inertia + joint.load_inertia)
     omega = 2.0 * pi * joint.resonance_hz
     return Plant(

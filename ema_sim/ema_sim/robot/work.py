@@ -256,7 +256,7 @@ class RobotArm:
 
 
 def work_of_day(hour: float) -> WorkSettings:
-    """Return settings for an hour of the day, with the highest ambient temperature at 15 h.
+    """Return settings for an hour of the work, with the highest ambient temperature at 15 h.
 
     The mass of the parts changes every 2 h.
     """

@@ -151,8 +151,8 @@ def lives_by_requirements(
 ) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
     """Return the life under each requirement, the life until the first fails, and its name.
 
-    The name is that of the requirement that fails first in most samples; "" if the life until the
-    first failure is unknown.
+    The name is the requirement that fails first in most samples; "" if the life until the first
+    failure is unknown.
 
     Parameters
     ----------
