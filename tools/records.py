@@ -85,7 +85,7 @@ class MessageField(NamedTuple):
 
 
 def message_fields(name: str) -> list[MessageField]:
-    """Return the fields of a message of ``ema_interfaces``, in order."""
+    """Return the fields of a message of ``ema_interfaces`` that have a comment, in order."""
     path = ROOT / "ema_interfaces" / "msg" / f"{name}.msg"
     return [
         MessageField(kind, name, " ".join(line[2:] for line in comment.splitlines()))

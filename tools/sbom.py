@@ -45,7 +45,8 @@ def key(name: str) -> str:
 def installed() -> dict[str, Any]:
     """Return the bill of materials of ``.venv``, without duplicate metadata.
 
-    Each ROS wheel contains metadata of a second package, which is not a distribution.
+    Each ROS wheel contains metadata of a second package, which is not a distribution. If an
+    installed version differs from the locked version, the program exits with a message.
     """
     command = [str(Path(sys.executable).with_name("cyclonedx-py")), "environment"]
     command += ["--output-reproducible", "--spec-version", "1.6", str(VENV / "bin" / "python")]
@@ -79,7 +80,10 @@ def installed() -> dict[str, Any]:
 
 
 def licences_of(package: str) -> list[dict[str, Any]]:
-    """Return the licences in the manifest of a ROS package; its wheel does not state them."""
+    """Return the licences in the manifest of a ROS package; empty if it is not installed.
+
+    The wheel of the package does not state them.
+    """
     manifest = VENV / "share" / package / "package.xml"
     if not manifest.exists():
         return []

@@ -77,7 +77,10 @@ def simulated_tests(
     rng: np.random.Generator,
     begin_ns: int = 0,
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life that starts at ``begin_ns``, and yield all but missing tests."""
+    """Yield the simulated tests of a life that starts at ``begin_ns`` [ns].
+
+    Tests with the window "missing" are skipped.
+    """
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(

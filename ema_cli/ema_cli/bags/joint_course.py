@@ -94,7 +94,7 @@ class JointCourse:
 
     @property
     def level_since_ns(self) -> int:
-        """End of the first record with the current level [ns]; 0 if there is no level."""
+        """End of the record with which the current level began [ns]; 0 if there is no level."""
         since_ns = 0
         for end_ns, outlook in reversed(self.outlooks.items()):
             if outlook.health.level != self.level:
@@ -237,7 +237,8 @@ def _windows(events: Iterable[Segment | Defect], course: JointCourse) -> Iterato
 def _learn(course: JointCourse, healthy: Sequence[Window], first_ns: int | None) -> None:
     """Fit the baseline of a course to its healthy records.
 
-    ``first_ns`` is the start of the first record [ns], or None if there is no record.
+    If that is impossible, ``why_no_baseline`` of the course states the reason. ``first_ns`` is the
+    start of the first record [ns], or None if there is no record.
     """
     course.healthy = len(healthy)
     if first_ns is None:
@@ -257,7 +258,7 @@ def _learn(course: JointCourse, healthy: Sequence[Window], first_ns: int | None)
 def _compare(
     course: JointCourse, unit: Unit, intake: Intake, segment: Segment, settings: PrognosisSettings
 ) -> None:
-    """Compare a record with the baseline, and add the result to the course."""
+    """Compare a record with the baseline, and add the result to the course unless it is skipped."""
     assert course.calibration is not None
     estimate = identify(segment.window, segment.description, course.calibration)
     if estimate.verdict == SKIPPED:

@@ -123,7 +123,10 @@ def read_record(
 
 
 def differs_slightly(sample_period: float, expected: float) -> bool:
-    """Return whether a sample period differs from another by at most 10 %, as between loggers."""
+    """Return whether a sample period differs from ``expected``, but by less than 10 %.
+
+    The periods of two loggers may differ so much.
+    """
     return sample_period != expected and abs(sample_period / expected - 1.0) < _SIMILAR_RATE
 
 

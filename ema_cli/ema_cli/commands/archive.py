@@ -236,7 +236,7 @@ def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
 
 
 def _unread_in_words(status: Status) -> str:
-    """Describe the bags that were not read completely, or belong to no known unit."""
+    """Return lines on the bags that were not read completely, or belong to no known unit, or ""."""
     lines = [
         f"{counted(count, 'bag')} {what}: later tests may be lost"
         for count, what in (

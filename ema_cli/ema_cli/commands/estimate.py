@@ -79,7 +79,7 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
 
 
 def _is_answer(estimate: Estimate) -> bool:
-    """Return whether an estimate is valid, is not a departure, and determines friction."""
+    """Return whether an estimate is valid and not a departure; a record must determine friction."""
     is_open = estimate.comparison is not None and not estimate.comparison[FRICTION].is_judged
     return estimate.valid and estimate.verdict != DEPARTED and not is_open
 
@@ -161,7 +161,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _largest_changes(estimates: Sequence[Estimate]) -> str:
-    """Describe the largest change of each quantity, with its record."""
+    """Return the largest change of each quantity, with its record, as text; "" without changes."""
     words = []
     for name in QUANTITIES:
         changes = [

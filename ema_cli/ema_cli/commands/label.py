@@ -114,7 +114,13 @@ def _tests_of(
 
 
 def _checked(state: str) -> str:
-    """Return the name of a state without surrounding blanks. Raises ValueError for healthy."""
+    """Return the name of a state without surrounding blanks.
+
+    Raises
+    ------
+    ValueError
+        If the name denotes a healthy or an unlabelled state.
+    """
     name = state.strip()
     if name.lower() in (*_HEALTHY, NONE_OF_THESE):
         raise ValueError(
@@ -130,7 +136,13 @@ def _with_bag(
     options: ReadingOptions,
     part: Recording | None,
 ) -> AnyCalibration:
-    """Return the calibration with the tests of a bag, or a part of a table, added to a state."""
+    """Return the calibration with the tests of a bag, or a part of a table, added to a state.
+
+    Raises
+    ------
+    ValueError
+        If the bag belongs to another unit, or no window or record of it can be used.
+    """
     bag_windows = identifiable_windows(bag, options, part)
     if mismatch := calibration.unit_mismatch(bag_windows.description):
         raise ValueError(differences_text(mismatch))
@@ -161,7 +173,10 @@ def _with_bag(
 def _with_history(
     calibration: AnyCalibration, state: str, path: Path, chosen: tuple[str, ...]
 ) -> AnyCalibration:
-    """Return the calibration with tests of a history added to a state."""
+    """Return the calibration with tests of a history added to a state.
+
+    ``chosen`` and errors are as in ``_of_history``; ValueError also for an unknown drive.
+    """
     if isinstance(calibration, JointCalibration):
         raise ValueError("histories do not contain the features of records; label the bags instead")
     baseline = calibration.baseline
@@ -173,7 +188,13 @@ def _with_history(
 def _of_history(
     path: Path, chosen: tuple[str, ...], calibration: AnyCalibration
 ) -> Iterator[_Test]:
-    """Yield the selected tests of a history; all tests if none is selected."""
+    """Yield the tests of a history that ``chosen`` selects by number (from 1) or date.
+
+    Raises
+    ------
+    ValueError
+        If the history belongs to another unit, nothing is chosen, or an item selects no test.
+    """
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
         raise ValueError(

@@ -223,7 +223,7 @@ def _of_history(
 
 
 def _of_archive(folder: Path) -> Iterator[Verified]:
-    """Recompute each bag as `ema archive run` does, and compare the rows."""
+    """Yield the result for each row of an archive; bags are recomputed as in `ema archive run`."""
     with Manifest(folder, writes=False) as manifest:
         for task, sha256, software in manifest.done():
             again = diagnose_bag(task)
@@ -263,7 +263,7 @@ def _recomputed(
     windows: Mapping[tuple[int, int], RecordedWindow],
     calibrations: Mapping[str, AnyCalibration],
 ) -> Iterator[Verified]:
-    """Recompute the estimates of an actuator in order, each from its window."""
+    """Yield the result for each estimate of an actuator, recomputed in order from its window."""
     earlier, last, is_whole = Diagnosis(), "", False
     before_last, last_number = Diagnosis(), -1
     described = next(iter(windows.values()), None)

@@ -97,7 +97,10 @@ def draw_course(course: Course) -> Figure:
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
-    """Return whether a fault has a panel: it is the worst, ends life, warns, or truly changes."""
+    """Return whether a fault has a panel.
+
+    It has a panel if it is the worst, ends life, causes a warning, or its true value changes.
+    """
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
@@ -211,7 +214,10 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
 def _crossing(
     place: NDArray[np.float64], value: NDArray[np.float64], level: float, now: float
 ) -> float:
-    """Return the position where values last crossed a level, or ``now`` if they never did."""
+    """Return the position where values last crossed a level.
+
+    Return ``now`` if they never did, or if the last value is on the same side as the first.
+    """
     left = (level - value) * np.sign(level - value[0])
     before = np.flatnonzero(left > 0.0)
     if not before.size or (k := before[-1]) + 1 == left.size:

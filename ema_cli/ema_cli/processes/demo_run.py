@@ -99,7 +99,10 @@ class Technician:
         self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
-        """Repair the actuator after a new failure, and return a message for the user, or ""."""
+        """Repair the actuator after a new failure.
+
+        Return a message about a new failure or a confirmed repair, or "" if there is neither.
+        """
         last = next(
             (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
         )

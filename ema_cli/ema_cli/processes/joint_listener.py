@@ -76,7 +76,13 @@ def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) ->
 
 
 def _kind_of(node: Node, executor: SingleThreadedExecutor, topic: str, stop: StopRequest) -> str:
-    """Wait for a publisher of a topic and return the message type."""
+    """Wait for a publisher of a topic and return the message type.
+
+    Raises
+    ------
+    ValueError
+        If no publisher appears within 3 s, or the message type has no joints.
+    """
     deadline = time.monotonic() + _DISCOVERY_S
     while time.monotonic() < deadline and not stop:
         if publishers := node.get_publishers_info_by_topic(topic):

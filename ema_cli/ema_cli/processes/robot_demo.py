@@ -23,7 +23,13 @@ _ASSIGNMENTS: Final = ("record_interval_s:=0.0", "record_s:=44.0")
 def run_robot_demo(
     duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
 ) -> bool:
-    """Run the demo for a time or until a stop is requested; return whether a node has failed."""
+    """Run the demo for a time or until a stop is requested; return whether a node has failed.
+
+    Raises
+    ------
+    ValueError
+        If the output folder is not empty.
+    """
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
     folder = output or Path("bags", f"demo_robot_{datetime.now():%Y%m%d_%H%M%S}")

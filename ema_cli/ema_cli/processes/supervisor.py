@@ -84,7 +84,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 output.close()
 
     def check(self) -> None:
-        """Detect and report processes that have exited unexpectedly."""
+        """Report processes that have exited, and add those with a nonzero code to ``failed``."""
         for name, child in list(self._children.items()):
             code = child.poll()
             if code is None:

@@ -195,7 +195,10 @@ def render(name: str, command: str, **content: Any) -> str:
 
 
 def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Markup:
-    """Return a number as HTML: rounded as text, with the exact value as data."""
+    """Return a number as HTML: rounded as text, with the exact value as data.
+
+    A dash replaces None, NaN and infinity.
+    """
     if value is None or not math.isfinite(value):
         return Markup("–")
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")

@@ -55,7 +55,7 @@ class _Doubts(NamedTuple):
 
     @classmethod
     def common(cls, joints: Sequence[JointExamination]) -> Self:
-        """Return the doubts that several joints share."""
+        """Return the doubts that all joints share; none if there are fewer than two joints."""
         if len(joints) < 2:
             return cls({}, {})
         first, *further = map(cls.of_joint, joints)

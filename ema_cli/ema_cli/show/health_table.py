@@ -103,7 +103,10 @@ class LatestHealths:
             item.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
-        """Add a FaultEstimate message; its causes or friction are shown with the health."""
+        """Add a FaultEstimate message; its causes or friction are shown with the health.
+
+        If it is not valid, its reason is shown as well, until the next valid estimate.
+        """
         item = self._of(place, message)
         if message.valid:
             item.refused = None
@@ -219,7 +222,7 @@ def _order(row: Row) -> tuple[Any, ...]:
 
 
 def _dominant_in_words(health: Any) -> str:
-    """Describe the dominant fault or requirement with value, sigma and limit."""
+    """Return the dominant fault or requirement with value, sigma and limit, or "" if none."""
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
             unit, scale = shown_in(item.unit)
@@ -261,7 +264,10 @@ class HealthTable(TerminalDisplay):
         self._printed_state = ""
 
     def show(self, rows: Sequence[Row], state: str) -> None:
-        """Show the rows of the actuators, and ``state`` as a note."""
+        """Show the rows of the actuators, and ``state`` as a note.
+
+        Without a terminal, print only the rows that have changed, and ``state`` if there is no row.
+        """
         if self._console.is_terminal:
             self._live.update(self._actuators(rows, state), refresh=True)
             return

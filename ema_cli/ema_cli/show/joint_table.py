@@ -33,7 +33,10 @@ def row_of(course: JointCourse) -> tuple[str, ...]:
 
 
 def joint_table(courses: Sequence[JointCourse]) -> list[str]:
-    """Return the lines of the table, of the reasons for levels that are not OK, and of advice."""
+    """Return the lines of the table, of reasons for levels that are not OK, and of advice.
+
+    If joints are not judged, the last line has their number.
+    """
     lines = text_table(HEADINGS, list(map(row_of, courses))).splitlines()
     reasons = [
         f"{course.description.actuator_id}: {course.reason}" for course in courses if course.reason

@@ -172,7 +172,7 @@ def _quantiles(values: tuple[float, float, float]) -> str:
 
 
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
-    """Return a line on the calibration of predictions by later tests; no line if unknown."""
+    """Return a line on how well later tests confirmed the predictions; empty if unknown."""
     text = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"

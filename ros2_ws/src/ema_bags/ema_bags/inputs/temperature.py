@@ -89,10 +89,10 @@ class RiseSampler:
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
-    """Return the rises, with the first one moved to ``first_ns`` if that is at most 10 s earlier.
+    """Return the rises, preceded by a copy of the first one at the start of the telemetry.
 
-    ``first_ns`` is the stamp of the first sample of the telemetry [ns]; the rises follow unchanged.
-
+    ``first_ns`` is the stamp of the first sample of the telemetry [ns]. The copy is added only if
+    that sample precedes the first rise by at most 10 s.
     A sensor that is read every few seconds may have no value at the start of the telemetry.
     """
     if not rises or not 0 < rises[0].stamp_ns - first_ns <= _HOLDS_BEFORE_NS:
