@@ -584,3 +584,4 @@ def test_bridge_without_joint_states_warns(graph: Spinning):
     assert bridge.bring_up()
     [task] = bridge.tasks()
     assert (task.level, task.message) == (WARN, "no publisher of joint states")
+    assert bridge.counts().joint_search == task.message

@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import click
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.processes.health_listener import HealthListener
@@ -36,7 +35,6 @@ _NODES: Final = ("recorder", "dashboard", "monitor", "bridge")
 _SEARCH_S: Final = 10.0
 _SETTLED_S: Final = 3.0
 _REFRESH_S: Final = 0.25
-_BRIDGE_TASK: Final = "joints"
 _MOST_RECORDED: Final = 1_000_000_000
 _MOST_LOGGED: Final = 20_000_000
 _BLOCK: Final = 4096
@@ -190,8 +188,8 @@ def _list_joints(joints: "_Joints", nodes: Supervisor, stop: StopRequest, *, net
 def _no_joints(joints: "_Joints", *, network: bool) -> str:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     text = f"no joint states in domain {domain} yet"
-    if joints.bridge_message:
-        text = f"{joints.bridge_message} (domain {domain})"
+    if joints.search:
+        text = f"{joints.search} (domain {domain})"
     hint = "ROS_DOMAIN_ID selects another domain"
     return f"{text}; {hint}" if network else f"{text}; {hint}, --network includes other machines"
 
@@ -207,20 +205,17 @@ class _Joints:
         Listener for health messages.
     address
         Address of the page; empty until it is published.
-    bridge_message
-        Status message of the bridge about its search for joints.
+    search
+        Result of the bridge's search for joints, as a sentence; "" before its first status.
     """
 
     def __init__(self, options: AttachOptions) -> None:
-        self._place = options.namespace.rstrip("/")
         self.described: dict[str, ActuatorDescription] = {}
-        self.address = self.bridge_message = ""
+        self.address = self.search = ""
         self._listed: set[str] = set()
         self._latest_s = 0.0
-        more = {
-            f"{self._place}/{topics.DESCRIPTION}": (DescriptionMessage, topics.LATCHED_BY_MANY),
-            "/diagnostics": (DiagnosticArray, topics.STATE),
-        }
+        topic = f"{options.namespace.rstrip('/')}/{topics.DESCRIPTION}"
+        more = {topic: (DescriptionMessage, topics.LATCHED_BY_MANY)}
         self.healths = HealthListener([options.namespace], "attach", more, self._note)
 
     def __enter__(self) -> "_Joints":
@@ -249,13 +244,11 @@ class _Joints:
         return [f"new joint {line}" for line in JointList([described[name] for name in new]).lines]
 
     def _note(self, topic: str, message: Any) -> None:
-        if isinstance(message, DiagnosticArray):
-            for status in message.status:
-                if status.name == f"{self._place}/bridge: {_BRIDGE_TASK}":
-                    self.bridge_message = status.message
-        elif isinstance(message, NodeStatus):
+        if isinstance(message, NodeStatus):
             if message.kind == NodeStatus.DASHBOARD:
                 self.address = message.address
+            elif message.kind == NodeStatus.BRIDGE:
+                self.search = message.joint_search
         else:
             try:
                 description = description_from_message(message)

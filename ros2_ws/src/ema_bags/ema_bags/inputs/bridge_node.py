@@ -154,9 +154,10 @@ class BridgeNode(ManagedNode):
         self._names_topics |= robot.names_topics
 
     def counts(self) -> NodeStatus:
-        """Return the node status with the number of samples lost at the input."""
+        """Return the node status with the lost input samples and the search for joints."""
         lost = sum(unit.bridge.losses.lost for unit in self._actuators.values())
-        return NodeStatus(kind=NodeStatus.BRIDGE, samples_lost=lost)
+        search = self._finding_task().message if self._mapping is None else ""
+        return NodeStatus(kind=NodeStatus.BRIDGE, samples_lost=lost, joint_search=search)
 
     def _has_source(self, topic: str) -> bool:
         # Latched names outlive their publisher.
