@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs a command in .venv-NAME, made from requirements/NAME.lock.txt unless it is there already.
+# Runs a command in .venv-NAME, which is created from requirements/NAME.lock.txt if necessary.
 #
 #   tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 #
-# Apart from .venv, which sbom looks at. Needs what `make setup` makes.
+# Separate from .venv, whose packages sbom lists. Requires `make setup`.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -15,20 +15,20 @@ lock=$root/requirements/$name.lock.txt
 uv=$root/.venv/bin/uv
 
 if [[ ! -x $uv ]]; then
-    echo "$name: no $uv: run \`make setup\` first" >&2
+    echo "$name: $uv does not exist: run \`make setup\` first" >&2
     exit 1
 fi
-# From here on nothing that the caller has sourced or activated has any influence.
+# Remove everything that the caller has sourced or activated from the environment.
 for variable in ${!PYTHON@} ${!_ROS_@}; do unset "$variable"; done
 unset LD_LIBRARY_PATH VIRTUAL_ENV CONDA_PREFIX
 export UV_SYSTEM_CERTS=1
 
-wanted=$(cat "$lock" "${BASH_SOURCE[0]}" "$root/.venv/.python" | sha256sum)
-if [[ ! -e $venv/.packages || $(<"$venv/.packages") != "$wanted" ]]; then
+digest=$(cat "$lock" "${BASH_SOURCE[0]}" "$root/.venv/.python" | sha256sum)
+if [[ ! -e $venv/.packages || $(<"$venv/.packages") != "$digest" ]]; then
     rm -rf "$venv"
     "$uv" venv --quiet --python "$(<"$root/.venv/.python")" "$venv"
     VIRTUAL_ENV=$venv "$uv" pip sync --quiet --require-hashes "$lock"
-    echo "$wanted" >"$venv/.packages"
+    echo "$digest" >"$venv/.packages"
 fi
 export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
 exec "$@"

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes .venv, builds ros2_ws and writes activate.sh. What is done already is not done again.
+# Creates .venv, builds ros2_ws and writes activate.sh. Completed steps are skipped.
 #
 #   PYTHON=python3.12 tools/setup.sh
 #
-# ROS 2 Jazzy comes from the wheels of requirements/lock.txt, so the machine needs Python 3.11 to
-# 3.13 and a C++ compiler only. Where a native Jazzy is sourced, that one is used instead.
+# ROS 2 Jazzy is installed from the wheels in requirements/lock.txt, so the machine only needs Python
+# 3.11 to 3.13 and a C++ compiler. If a native Jazzy is sourced, it is used instead.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -13,7 +13,7 @@ venv=$root/.venv
 ws=$root/ros2_ws
 lock=$root/requirements/lock.txt
 log=$ws/log/setup.log
-# The packages: of the library at the top, those for ROS alone in the workspace.
+# The packages: the library is at the top, and packages that need ROS are in the workspace.
 bases=("$root"/ema_* "$ws"/src/ema_*)
 
 die() {
@@ -21,7 +21,8 @@ die() {
     exit 1
 }
 
-# watch_log LINES: say which package is being built, and for how long, while a step writes the log
+# watch_log LINE: while a step writes the log, report from this line of the log on which package is
+# being built, and the time since the start of the step
 watch_log() {
     local from=$1 start=$SECONDS line shown=
     while sleep 1; do
@@ -42,7 +43,7 @@ step() {
     echo "setup: $name (usually $usual s) ..."
     watch_log "$(($(wc -l <"$log") + 1))" &
     watcher=$!
-    # A subshell of its own, outside any condition: else bash would not heed set -e within.
+    # Run in a subshell outside any condition, because bash ignores set -e inside a condition.
     set +e
     (set -e; "$@") >>"$log" 2>&1
     local status=$?
@@ -50,9 +51,9 @@ step() {
     set -e
     if ((status)); then
         echo "setup: $name failed"
-        # Where CI runs, the file is out of reach.
+        # The log file is not available after a run of CI.
         if [[ -n ${CI:-} ]]; then tail -n 60 "$log"; fi
-        die "$name failed${hint:+: $hint}; the whole output is in $log"
+        die "$name failed${hint:+: $hint}; the complete output is in $log"
     fi
     echo "setup: $name took $((SECONDS - start)) s"
 }
@@ -70,8 +71,8 @@ trap stop_watching EXIT
 
 digest() { sha256sum | cut -c1-32; }
 
-# ---- Where ROS comes from. activate.sh sets _ROS_WHEELS_BOOTSTRAP_COMPLETE: with it set, the Jazzy
-# ---- that this shell knows is our own.
+# ---- Find a native ROS. If _ROS_WHEELS_BOOTSTRAP_COMPLETE is set, activate.sh was sourced, and
+# ---- ROS_DISTRO refers to the Jazzy in .venv.
 native=
 if [[ ${ROS_DISTRO:-} == jazzy && -z ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
     IFS=: read -ra prefixes <<<"${AMENT_PREFIX_PATH:-}"
@@ -80,20 +81,20 @@ if [[ ${ROS_DISTRO:-} == jazzy && -z ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; the
     done
 fi
 
-# Once chosen, it stays in a shell that has not sourced it.
+# A native ROS remains in use even if a later shell has not sourced it.
 if [[ -z $native && -e $venv/.native ]]; then native=$(<"$venv/.native"); fi
 if [[ -z $native && $(uname -sm) != 'Linux x86_64' ]]; then
     die "no ROS 2 wheels for $(uname -sm): install ROS 2 Jazzy natively and source it"
 fi
 
-# ---- From here on nothing that the caller has sourced or activated has any influence.
+# ---- Remove everything that the caller has sourced or activated from the environment.
 for name in ${!ROS_@} ${!AMENT_@} ${!COLCON_@} ${!CMAKE_@} ${!PYTHON@}; do
     if [[ $name != PYTHON ]]; then unset "$name"; fi
 done
 unset LD_LIBRARY_PATH PKG_CONFIG_PATH VIRTUAL_ENV CONDA_PREFIX MAKEFLAGS MFLAGS name
 export UV_SYSTEM_CERTS=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 
-# source_underlay: ROS itself, without our workspace. Its scripts read unset variables.
+# source_underlay: set the environment of ROS without the workspace. Its scripts read unset variables.
 source_underlay() {
     set +u
     if [[ -n $native ]]; then
@@ -102,7 +103,7 @@ source_underlay() {
         local libs
         libs=$(printf ':%s' "$venv"/lib/python3.*/site-packages/ros_*.libs)
         export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib$libs
-        # Otherwise Python runs itself anew to set LD_LIBRARY_PATH, in an order of its own.
+        # Otherwise Python restarts itself with another order of LD_LIBRARY_PATH.
         export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 RMW_IMPLEMENTATION=rmw_fastrtps_cpp ROS_DISTRO=jazzy
     fi
     export PATH=$venv/bin:$PATH
@@ -110,8 +111,8 @@ source_underlay() {
 }
 
 # ---- Python
-# Prints the interpreter behind a command (which may be a shim or in a virtual environment), or says
-# on stderr what it lacks.
+# Prints the interpreter that a command runs (the command may be a shim or in a virtual environment),
+# or prints to stderr what the interpreter lacks.
 probe='
 import os, sys, sysconfig
 version = "%d.%d" % sys.version_info[:2]
@@ -126,20 +127,20 @@ if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
 print(os.path.realpath(sys._base_executable))
 '
 find_python() {
-    local candidates=(python3.12 python3.11 python3.13 python3) candidate found complaint=
+    local candidates=(python3.12 python3.11 python3.13 python3) candidate output complaint=
     if [[ -n $native ]]; then candidates=(/usr/bin/python3); fi # rclpy is compiled for this one
     if [[ -n ${PYTHON:-} ]]; then candidates=("$PYTHON"); fi
-    # Without an order to the contrary, stay with the Python that was chosen the first time.
+    # If PYTHON is not set, prefer the Python of an earlier run.
     if [[ -z ${PYTHON:-} && -e $venv/.python ]]; then candidates=("$(<"$venv/.python")" "${candidates[@]}"); fi
     for candidate in "${candidates[@]}"; do
         if ! command -v "$candidate" >/dev/null; then continue; fi
-        if found=$("$candidate" -c "$probe" 2>&1) && [[ -x $found ]]; then
-            echo "$found"
+        if output=$("$candidate" -c "$probe" 2>&1) && [[ -x $output ]]; then
+            echo "$output"
             return
         fi
-        # A shim without an interpreter behind it also fails, in many lines of its own.
-        if [[ $found == *$'\n'* ]]; then continue; fi
-        complaint=${complaint:-$candidate $found}
+        # A shim without an interpreter prints several lines of its own: ignore them.
+        if [[ $output == *$'\n'* ]]; then continue; fi
+        complaint=${complaint:-$candidate $output}
     done
     die "${complaint:-no Python 3.11 to 3.13${PYTHON:+ called $PYTHON}: install one with \`sudo apt install python3 python3-venv python3-dev\` or set PYTHON}"
 }
@@ -152,14 +153,16 @@ make_venv() {
     echo "$native" >"$venv/.native"
 }
 
-# entries [!] PATTERN: the entries of the lock, with their hashes, that match a pattern (!: do not)
+# entries [!] PATTERN: print the entries of the lock file, with their hashes, that match a pattern
+# (!: that do not match)
 entries() {
-    local wanted=1
-    if [[ $1 == '!' ]]; then wanted=0 && shift; fi
-    awk -v pattern="$1" -v wanted=$wanted '/^[^ ]/ { here = ($0 ~ pattern) == wanted } here' "$lock"
+    local matches=1
+    if [[ $1 == '!' ]]; then matches=0 && shift; fi
+    awk -v pattern="$1" -v matches=$matches '/^[^ ]/ { is_wanted = ($0 ~ pattern) == matches } is_wanted' "$lock"
 }
 
-# On a native ROS, apt's build tools and apt's numpy stay: the message packages are compiled for it.
+# locked: print the entries to install. With a native ROS, the build tools and numpy of apt are used,
+# because the message packages are compiled for this numpy.
 locked() {
     if [[ -n $native ]]; then
         entries ! '^(ros-|colcon-|(catkin-pkg|empy|lark-parser|cmake|ninja|setuptools|numpy)==)'
@@ -173,8 +176,8 @@ install_packages() {
     locked >"$list"
     entries '^uv==' >"$venv/uv.txt"
     if "${pip[@]}" -r "$venv/uv.txt"; then
-        # Not `uv pip sync`: the wheels hold egg-info folders, which it takes for packages that do not
-        # belong here and removes. The lock also holds what builds empy, which has no wheel.
+        # Not `uv pip sync`: the wheels contain egg-info folders, which it removes as unknown packages.
+        # The lock file also contains the build requirements of empy, which has no wheel.
         if VIRTUAL_ENV=$venv "$venv/bin/uv" pip install --no-deps --require-hashes \
             --build-constraint "$lock" -r "$list"; then return; fi
     fi
@@ -184,15 +187,15 @@ install_packages() {
 
 build() {
     source_underlay
-    # The scripts of the packages begin with the Python that runs colcon: let it be ours.
+    # Run colcon with the Python of .venv, because it becomes the interpreter of the packages' scripts.
     local colcon cmake_args=("-DPython3_EXECUTABLE=$venv/bin/python")
     colcon=$(command -v colcon)
     if [[ -z $native ]]; then
         cmake_args+=(-GNinja "-DCMAKE_PROJECT_INCLUDE=$root/tools/wheel_includes.cmake")
         cmake_args+=(-DEMA_FOR_RCLPY_ALONE=ON)
     fi
-    # Else colcon stops starting compilers at a load of the number of cores, which is the load of
-    # its own two: one at a time.
+    # By default, colcon starts no further compiler at a load average of the number of cores. With two
+    # cores, it would compile one file at a time.
     local MAKEFLAGS
     MAKEFLAGS=-j$(nproc)
     export MAKEFLAGS
@@ -201,7 +204,7 @@ build() {
         --event-handlers console_direct+ --cmake-args "${cmake_args[@]}"
 }
 
-# Works out the environment once, from nothing, and writes it as plain exports.
+# Determine the environment once, from an empty one, and write it as plain exports.
 write_activate() {
     local base=/usr/bin:/bin name value
     PATH=$base
@@ -213,7 +216,7 @@ write_activate() {
     {
         echo '# Written by tools/setup.sh: the environment of this workspace, for bash, zsh and dash.'
         echo
-        echo '# _prepend NAME PATHS: put PATHS in front of $NAME, if they are not there yet'
+        echo '# _prepend NAME PATHS: put PATHS in front of $NAME, unless it contains them'
         echo '_prepend() {'
         echo '    eval "_before=\${$1-}"'
         echo '    case ":$_before:" in'
@@ -239,8 +242,8 @@ write_activate() {
     mv "$root/activate.sh.new" "$root/activate.sh"
 }
 
-# Into the user's cache: both forms of the model, and what a first simulation, identification and
-# prognosis use.
+# Compile both forms of the model, and the functions that a first simulation, identification and
+# prognosis use, into the cache of the user.
 compile_kernels() {
     source "$root/activate.sh"
     local folder
@@ -251,20 +254,19 @@ compile_kernels() {
     rm -r "$folder"
 }
 
-# Of what this Python imports from here. Where PYTHONDONTWRITEBYTECODE is set, every process of a
-# node or command would compile it anew. What is up to date is left as it is, in a twentieth of a
-# second.
+# Compile the modules of the packages. Otherwise, if PYTHONDONTWRITEBYTECODE is set, each process of a
+# node or command compiles them again. If all modules are up to date, this takes 0.05 s.
 compile_bytecode() { "$venv/bin/python" -m compileall -q "${bases[@]}"; }
 
-# ---- What has to be done
+# ---- Find the steps to run
 if [[ $root == *[[:space:]\'\"]* ]]; then
-    die "the path '$root' has a space or quote in it: move the repository"
+    die "the path '$root' contains a space or quote: move the repository"
 fi
 mkdir -p "$ws/log"
-# One at a time. The lock is on this script, which is always there.
+# Only one setup may run at a time. The lock is on this script, which always exists.
 exec 9<"${BASH_SOURCE[0]}"
 if ! flock --nonblock 9; then
-    echo 'setup: waiting for another one to finish'
+    echo 'setup: waiting for another setup to finish'
     flock 9
 fi
 
@@ -273,8 +275,8 @@ packages=$({
     echo "$root $python $("$python" -V) $native"
     cat "$lock" "${BASH_SOURCE[0]}"
 } | digest)
-# Edits of Python modules act at once, through links. New interfaces, entry points and installed
-# files do not.
+# Edits of Python modules need no build, because the modules are linked. New interfaces, entry points
+# and installed files need one.
 sources=$({
     echo "$packages"
     cat "$root/tools/wheel_includes.cmake"
@@ -286,14 +288,14 @@ sources=$({
         -not -name '*.pyc' | sort
 } | digest)
 
-# done_for STAMP DIGEST: whether a step was finished for these inputs
+# done_for STAMP DIGEST: succeed if the step with this stamp file was completed for these inputs
 done_for() { [[ -e $1 && $(<"$1") == "$2" ]]; }
 
 have_packages=
 if done_for "$venv/.packages" "$packages" && "$venv/bin/python" -c '' 2>/dev/null; then
     have_packages=1
     if done_for "$ws/install/.sources" "$sources" && [[ -e $root/activate.sh ]]; then
-        # An edited source may be in the midst of a change, and a tree may be read-only.
+        # Ignore errors: a module may be incomplete while it is edited, and the folder may be read-only.
         compile_bytecode >/dev/null 2>&1 || true
         exit 0
     fi
@@ -308,7 +310,7 @@ if [[ -z $compiler ]]; then die 'no C++ compiler: install one with `sudo apt ins
 : >"$log"
 if [[ -z $have_packages ]]; then
     step "creating .venv with $("$python" -V)" 5 make_venv
-    hint='is the network there, and can pip reach its package index? Then run the same again' \
+    hint='check the network and that pip can reach its package index, then run the command again' \
         step 'downloading 230 MB of packages (requirements/lock.txt)' '10 to 60' install_packages
     echo "$packages" >"$venv/.packages"
 fi

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# Read after every project() of the workspace (CMAKE_PROJECT_INCLUDE), when ROS comes from wheels.
+# CMake reads this file after every project() of the workspace (CMAKE_PROJECT_INCLUDE) if ROS is
+# installed from wheels.
 #
-# The wheels' exported targets name the Python and numpy headers of the machine they were built
-# on, and CMake refuses include folders that do not exist. At the end of a project's configuration
-# all its imported targets are known: point them to the headers of this machine.
+# The exported targets of the wheels refer to the Python and numpy headers of the machine that built
+# the wheels, and CMake refuses include folders that do not exist. All imported targets of a project
+# are defined at the end of its configuration: this function points them to the headers of this
+# machine.
 function(_use_headers_of_this_machine)
   get_property(targets DIRECTORY PROPERTY IMPORTED_TARGETS)
   foreach(target IN LISTS targets)
