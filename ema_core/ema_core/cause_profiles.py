@@ -49,7 +49,7 @@ Causes = Mapping[str, Profile | float] | Iterable[str]
 
 
 def cause_profiles(causes: Causes) -> dict[str, Profile]:
-    """Convert hidden causes to profiles, keyed by name, and validate them.
+    """Return hidden causes as profiles, keyed by name, after validation.
 
     Parameters
     ----------

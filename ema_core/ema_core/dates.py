@@ -14,7 +14,7 @@ def has_date(stamp_ns: int) -> bool:
 
 
 def moment(stamp_ns: int) -> str:
-    """Format a timestamp [ns] as date and time in UTC, or as elapsed time if it is not a date."""
+    """Return a timestamp [ns] as a string: date and time in UTC, or elapsed time without a date."""
     if stamp_ns < 86_400 * 10**9:
         return f"{stamp_ns * 1e-9:,.2f} s"
     if not has_date(stamp_ns):

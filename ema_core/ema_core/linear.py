@@ -79,7 +79,7 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert the parameters of an actuator file to SI units.
+    """Return the parameters of an actuator file, converted to SI units.
 
     A string with a unit, such as "60 mm", needs the parameters ``lead`` and ``tau``.
 

@@ -32,14 +32,14 @@ class SettingsParameter:
         self.description = metadata["description"] + (f", symbol {item.name}" if symbol else "")
 
     def to_node(self, value: Any) -> Any:
-        """Convert a field value to a parameter value."""
+        """Return a field value converted to a parameter value."""
         if "texts" in self.field.metadata:
             # An empty list has no type in a parameter file.
             return list(value) or [""]
         return value if self.scale is None else float(f"{value * self.scale:.12g}")
 
     def from_node(self, value: Any) -> Any:
-        """Convert a parameter value to a field value.
+        """Return a parameter value converted to a field value.
 
         Raises
         ------
@@ -74,7 +74,7 @@ def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
 
 
 def field_values(definition: Any, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Convert values keyed by prefixed parameter name to values keyed by field name.
+    """Return values keyed by field name, from values keyed by prefixed parameter name.
 
     Names that are not parameters of the dataclass are ignored.
 

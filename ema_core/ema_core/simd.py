@@ -208,7 +208,7 @@ def broadcast(typingctx, number):
 
 @_kernel_function
 def load(typingctx, values, start):
-    """Load `LANES` values of an array as a vector, beginning at index ``start``.
+    """Return `LANES` values of an array as a vector, beginning at index ``start``.
 
     ``values`` may be a tuple, named or nested: its arrays become vectors and its numbers remain
     numbers. Arrays must be contiguous, ``(n,)``, with at least ``start + LANES`` values; this is

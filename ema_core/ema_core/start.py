@@ -18,7 +18,7 @@ from ema_core.array_environment import array_environment
 def quiet_imports() -> Iterator[None]:
     """End the process immediately on SIGINT within a context, without KeyboardInterrupt.
 
-    This changes nothing outside the main thread, or if SIGINT has a handler of its own.
+    This changes nothing outside the main thread, or if the program has set a handler of SIGINT.
     """
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()

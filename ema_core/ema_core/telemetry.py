@@ -170,7 +170,7 @@ def _period_ns(sample_period: float) -> tuple[int, int, int]:
 
 
 def join(blocks: list[Telemetry]) -> Telemetry:
-    """Concatenate contiguous blocks, at least one, into one block."""
+    """Return one block, concatenated from at least one contiguous block."""
     first = blocks[0]
     interpolated = _NO_SAMPLES
     if any(len(block.interpolated) for block in blocks):

@@ -174,5 +174,5 @@ def _command(request: SetCommand.Request) -> Command:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the actuator node."""
+    """Run the actuator node and return the exit status."""
     return run(ActuatorNode, args)

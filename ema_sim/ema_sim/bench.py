@@ -236,7 +236,9 @@ class ActuatorBench:
         return trial
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
-        """Start the next test cycle at ``start_ns`` [ns], by default at the end of the last sample.
+        """Start and return the next test cycle.
+
+        It starts at ``start_ns`` [ns], by default at the end of the last sample.
 
         Blocks of the previous cycle that were not yet consumed are not computed.
         """

@@ -96,5 +96,5 @@ def _row(values: Vector) -> "array[float]":
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the robot node."""
+    """Run the robot node and return the exit status."""
     return run(RobotNode, args)

@@ -64,9 +64,7 @@ class Pacer:
             self._due = self._clock()
 
     def wait(self, simulated_s: float, stop: threading.Event) -> bool:
-        """Wait until the end of the next block is due; return whether to go on.
-
-        The result is False if ``stop`` is set.
+        """Wait until the end of the next block is due; return False if ``stop`` is set.
 
         Parameters
         ----------
@@ -147,7 +145,10 @@ class Bench(Protocol[CycleOut]):
         """Compile the kernels of the simulation, or load them from the cache."""
 
     def begin_cycle(self, start_ns: int | None = None) -> CycleOut:
-        """Start the next cycle at ``start_ns`` [ns], by default at the end of the last sample."""
+        """Start and return the next cycle.
+
+        It starts at ``start_ns`` [ns], by default at the end of the last sample.
+        """
         ...
 
 

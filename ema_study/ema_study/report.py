@@ -91,7 +91,10 @@ def _cell(value: Any) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Format a number with ``digits`` significant digits, without an exponent above 0.001."""
+    """Return a number as a string with ``digits`` significant digits.
+
+    It has no exponent, except below 0.001.
+    """
     if abs(value) < 1e-3:
         return f"{value:.{digits}g}"
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wrong telemetry columns as values."""
+"""Data classes for errors of telemetry columns."""
 
 from dataclasses import dataclass
 from enum import Enum

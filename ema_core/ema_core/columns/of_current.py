@@ -13,7 +13,9 @@ from ema_core.columns.tolerances import (
 
 
 def wrong_current(size: float, correlation: float, tau: float) -> ColumnError | None:
-    """Return the error of the current of a drive with known inertia and friction, or None.
+    """Return the error of a current with a wrong sign or scale, or None.
+
+    Inertia and friction of the drive must be known.
 
     Parameters
     ----------
@@ -39,7 +41,8 @@ def wrong_current(size: float, correlation: float, tau: float) -> ColumnError | 
 def reversed_current(dissipation: float | None, work_share: float) -> ColumnError | None:
     """Return the error of the current of an unknown drive if its sign is wrong, or None.
 
-    After a step command, a right effort may brake. Only a wrong sign gains net energy.
+    After a step of the command, an effort with the right sign may oppose the speed, because the
+    drive brakes. The sign is wrong only if the effort also takes energy from the motion in total.
 
     Parameters
     ----------

@@ -58,5 +58,5 @@ def wrong_effort_of_record(
 
 
 def has_other_updates(per_update: float, healthy: float) -> bool:
-    """Return whether a record has another number of samples per update than healthy records."""
+    """Return whether the samples per update of a record differ clearly from the healthy records."""
     return is_beyond(per_update / healthy, RECORD_UPDATES)

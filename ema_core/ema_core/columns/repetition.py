@@ -81,7 +81,10 @@ def irregular_updates(values: Array) -> IrregularUpdates | None:
 
 
 def held_column(column: str, values: Array) -> HeldColumn | None:
-    """Return the error of a column, ``(n,)``, that repeats its values, or None if it does not."""
+    """Return the error of a column, ``(n,)``, that repeats its values, or None.
+
+    The result is None also if the column has too few changes to decide.
+    """
     if (held := held_samples(values)) > 1:
         return HeldColumn(column, float(held), held, is_regular=True)
     irregular = irregular_updates(values)

@@ -21,13 +21,13 @@ _FULL: Final = 0.9
 
 
 def register_periods(highest: float) -> list[float]:
-    """Return the numbers of counts of the registers whose range a largest reading nearly fills."""
+    """Return the ranges of registers [counts] that a largest reading nearly fills."""
     counts = (2.0**bits for bits in _BITS)
     return [n for n in counts if _FULL * n < highest < n]
 
 
 def is_turn_apart(difference: float, turn: float) -> bool:
-    """Return whether two readings of the same angle differ by about one turn, but less."""
+    """Return whether two readings of the same angle differ by slightly less than one turn."""
     return abs(difference) < turn and abs(difference) > (1.0 - _SLOW) * turn
 
 

@@ -108,7 +108,7 @@ def thinned(records: Sequence[StoredRecord], most: int) -> list[StoredRecord]:
     """Return at most ``most`` records, spread over their days.
 
     Records are left out one by one, from the day with the most records or the earliest such day.
-    Of a day, the record whose neighbours in time are closest to each other is left out.
+    Within a day, the record whose neighbours in time are closest to each other is left out.
     """
     kept = sorted(records)
     while len(kept) > most:
@@ -159,7 +159,7 @@ def _arrays(window: Window) -> dict[str, Any]:
 
 
 def _window(path: Path) -> Window:
-    """Read a record; its checksums are verified before any array header is parsed."""
+    """Return the record in a file; checksums are verified before any array header is parsed."""
     with path.open("rb") as file:
         with zipfile.ZipFile(file) as members:
             if damaged := members.testzip():

@@ -294,7 +294,11 @@ class UnitBaseline:
         return self._install(calibration, records, kind, author, note)
 
     def extend(self, author: str, note: str = "", *, force: bool = False) -> BaselineChange:
-        """Add the candidates to the accepted baseline; see ``accept`` for parameters and errors."""
+        """Add the candidates to the accepted baseline. Return the recorded change.
+
+        See ``accept`` for parameters and errors. The baseline must be accepted, and have
+        candidates.
+        """
         self._require_sound()
         if self.calibration is None:
             raise ValueError("the unit has no accepted baseline: accept one first")
@@ -311,7 +315,10 @@ class UnitBaseline:
         return change
 
     def reset(self, author: str, note: str = "") -> BaselineChange:
-        """Discard baseline and candidates, and learn again; the history remains."""
+        """Discard baseline and candidates, and learn again. Return the recorded change.
+
+        The history of the changes remains.
+        """
         count = self.calibration.windows if self.calibration else len(self.candidates)
         change = self._changed(ChangeKind.RESET, author, note, "", count)
         self._discard()
@@ -334,7 +341,10 @@ class UnitBaseline:
         author: str,
         note: str,
     ) -> BaselineChange:
-        """Write a calibration with its change, so that a kill leaves both or neither."""
+        """Write a calibration with its change, and return the change.
+
+        If the process is killed meanwhile, either both take effect or neither.
+        """
         calibration.save(self._folder / _PENDING)
         files = tuple(record.path.name for record in records)
         identity, count = calibration.calibration_id, calibration.windows

@@ -182,5 +182,5 @@ class MonitorNode(ManagedNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the monitor node."""
+    """Run the monitor node and return the exit status."""
     return run(MonitorNode, args)

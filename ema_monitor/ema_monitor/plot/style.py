@@ -95,7 +95,9 @@ def tidy(axes: Axes, direction: Any = "both") -> None:
 def draw_estimates(
     axes: Axes, place: ArrayLike, value: ArrayLike, sigma: ArrayLike, **style: Any
 ) -> ErrorbarContainer:
-    """Draw estimates with error bars of their 90 % intervals (between the one-sided 95 % bounds).
+    """Draw estimates with error bars of their 90 % intervals, and return the drawn container.
+
+    The intervals lie between the one-sided 95 % bounds. ``style`` is passed to ``Axes.errorbar``.
 
     Parameters
     ----------

@@ -43,7 +43,10 @@ def with_unconfirmed_levels(outlook: Outlook, history: History, confirmations: i
 
 
 def last_level(outlook: Outlook, history: History) -> int:
-    """Return the last known level before a STALE outlook; STALE for any other outlook."""
+    """Return the last known level before a STALE outlook; STALE if there is none.
+
+    The result is also STALE if the outlook is not STALE.
+    """
     if outlook.health.level == STALE:
         for entry in reversed(history.entries):
             assessment = history.assessments.get(entry.stamp_ns)

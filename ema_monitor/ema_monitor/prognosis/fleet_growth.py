@@ -143,7 +143,7 @@ class FleetGrowth:
 
     @classmethod
     def read(cls, path: Path) -> "FleetGrowth":
-        """Read a file written by ``write``.
+        """Return the fleet in a file written by ``write``.
 
         Raises
         ------

@@ -266,7 +266,7 @@ class History:
                 self._write_pending(path)
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """Open the database exclusively, and create its tables if they are missing.
+        """Open the database exclusively, and create tables in an empty file. Return the connection.
 
         Raises
         ------

@@ -236,7 +236,10 @@ class ServiceHours:
         return [UncountedDropped(dropped)]
 
     def _check(self, test: TimedTest) -> list[Occurrence]:
-        """Use a test if its service hours are plausible; else hold it back until the next count."""
+        """Use a test if its service hours are plausible; else hold it back until the next count.
+
+        Returns an event if the next count confirms or contradicts the held count.
+        """
         held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)

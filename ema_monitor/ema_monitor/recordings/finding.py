@@ -40,7 +40,7 @@ def read_windows(
     description: ActuatorDescription | None = None,
     measured_max_age_s: float = MAX_AGE_S,
 ) -> BagWindows:
-    """Read a recording and detect the windows in the telemetry of one actuator.
+    """Return the windows in the telemetry of one actuator in a recording.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def find_recorded_windows(
     on_block: Callable[[Telemetry], None] | None = None,
     with_duty: bool = False,
 ) -> BagWindows:
-    """Detect the windows in recorded telemetry, with only its latest blocks in memory.
+    """Return the windows in recorded telemetry, with only its latest blocks in memory.
 
     Parameters
     ----------

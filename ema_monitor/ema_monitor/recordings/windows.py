@@ -51,7 +51,7 @@ class WindowPlace:
         return self.span - sum(map(len, self.omitted))
 
     def read(self) -> Telemetry:
-        """Read the samples."""
+        """Return the samples, read from the bag; lost samples are interpolated."""
         items = self.recorded.items(self.first, self.last)
         blocks = (item for _, item in items if isinstance(item, Telemetry))
         first = next(blocks)

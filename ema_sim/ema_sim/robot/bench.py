@@ -86,7 +86,10 @@ class ArmBench:
         next(iter(RobotArm(block_s=_BLOCK_S).begin_cycle().blocks))
 
     def begin_cycle(self, start_ns: int | None = None) -> ArmWork:
-        """Start the next cycle at ``start_ns`` [ns], by default at the end of the last sample."""
+        """Start and return the next cycle.
+
+        It starts at ``start_ns`` [ns], by default at the end of the last sample.
+        """
         if start_ns is not None:
             self.end_ns = start_ns
         cycle = self._arm.begin_cycle(self.work, self.wear)

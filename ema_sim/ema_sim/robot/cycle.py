@@ -86,7 +86,7 @@ class CyclePlan:
 
 
 def plan_cycle(pause_s: float, rng: np.random.Generator) -> CyclePlan:
-    """Plan the motion of a cycle, with goals that vary at random, as with real parts.
+    """Return the motion of a cycle, with goals that vary at random, as with real parts.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ class RobotArm:
     def begin_cycle(
         self, work: WorkSettings | None = None, wear: Mapping[str, float] | None = None
     ) -> ArmCycle:
-        """Start the next cycle.
+        """Start and return the next cycle.
 
         If the previous cycle is not complete, the arm starts at rest in its home position.
 

@@ -320,7 +320,7 @@ class Receiver:
 
     @contextmanager
     def _receiving(self) -> Iterator[None]:
-        """Hold the lock of the actuators; then refuse the windows that were not queued.
+        """Hold the lock of the actuators in a context; then refuse windows that were not queued.
 
         A refusal may open a history, which must not happen under the lock: a thread that opens a
         history acquires the lock to publish its health.

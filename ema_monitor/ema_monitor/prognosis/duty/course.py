@@ -103,7 +103,7 @@ class FutureDuty:
         hours
             Ascending service hours from now [h], ``(m,)``.
         n
-            Number of samples.
+            Number of samples; the paths are assigned to them in turn.
 
         Returns
         -------

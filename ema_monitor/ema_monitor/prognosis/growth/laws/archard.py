@@ -24,5 +24,5 @@ class Archard(Law):
 
 
 def _bend(product: float) -> float:
-    """Return the bend of the curve, given the product of b and the limit [-]."""
+    """Return the bend of the curve (see `BENDS`), given the product of b and the limit [-]."""
     return (1.0 + product) * math.log1p(product) / product

@@ -11,7 +11,7 @@ from ema_core.arrays import Array
 from ema_core.growth_laws import TIME_SCALE_LAWS, hours_until, increment
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
-"""Bends of the candidate curves of unknown laws [-].
+"""Bends of the candidate curves of unknown laws: slope at the limit over mean slope [-].
 
 The weakest bend is almost a straight line. With the strongest bends, half of the growth occurs in
 the last tenth to fifth of life. The spacing is fine enough that predictions do not depend on where

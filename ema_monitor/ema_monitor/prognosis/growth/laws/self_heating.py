@@ -23,5 +23,5 @@ class SelfHeating(Law):
 
 
 def _bend(product: float) -> float:
-    """Return the bend of the curve, given the product of b and the limit [-]."""
+    """Return the bend of the curve (see ``BENDS``), given the product of b and the limit [-]."""
     return math.expm1(product) / product
