@@ -64,8 +64,8 @@ class Inverter(NamedTuple):
 class Iron(NamedTuple):
     """Saturation of the iron.
 
-    ``inductance_loss`` and ``torque_loss`` [-] are the relative losses per unit of
-    ``saturation``. ``knee`` [A] is its reference current. With ``beyond`` 1 the losses begin
+    ``inductance_loss`` and ``torque_loss`` [-] are the relative losses per unit of ``saturation``,
+    which counts up to 2. ``knee`` [A] is its reference current. With ``beyond`` 1 the losses begin
     at the knee; with 0 they grow with the square of the current.
     """
 
@@ -123,7 +123,7 @@ def hall(turn):
 
     Half the difference of two neighbouring sensors is the sign of the current in a phase. A phase
     is driven from 30 to 150 and from 210 to 330 degrees of its electrical angle. Two phases are
-    driven at a time, for any displacement of the sensors.
+    driven at a time if each sensor is displaced by less than 30 degrees.
     """
     turn -= 1.0 / 12.0
     return 1.0 if turn - math.floor(turn) < 0.5 else -1.0
@@ -193,7 +193,9 @@ def simulate(
     ``emf`` is a table of the shape of the back-EMF over an electrical turn. The tables ``cogging``
     [N.m] and ``friction_by_turn`` [-] cover a turn of the motor, ``supply`` [-] a period of
     1/``supply_hz``. ``friction_slope`` [1/rad] is the relative change of friction with the position
-    of the user shaft. ``start`` is the angle of the user shaft at rest [rad]. ``disturbances``
+    of the user shaft. ``start`` is the angle of the user shaft at rest [rad]. ``commands``
+    [rad, user shaft] and ``loads`` [N.m, against positive motion of the motor] have a value per
+    sample. ``supply_phase`` is the phase of the supply at the start [periods]. ``disturbances``
     [rad] are added to the position feedback, one per tick of the loops. A sample consists of
     ``steps`` steps of the mechanics.
     """

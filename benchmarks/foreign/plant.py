@@ -142,7 +142,7 @@ class ForeignPlant:
 
 
 def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> ActuatorParameters:
-    """Return the parameters of a plant with hidden causes."""
+    """Return the parameters of a plant as changed by hidden causes."""
     factors = {
         # The drive still computes with the nominal k_t.
         "k_e": 1.0 + causes.get("torque_constant", 0.0),

@@ -6,9 +6,10 @@
 
 Lives to failure follow laws that the tracker has ("own"), laws that it was developed with, among
 them waves and S-shaped growth ("developed"), and laws that were not used in development ("held
-out", "unseen"). There are N lives of each law; the tracker does not know which law applies. Two
-sets alter own lives: one of 25 estimates is wrong by far more than its sigma ("wrong estimates"),
-or the unit is repaired and lives again ("repaired"). One of every --thin tests is used.
+out", "unseen"). There are N own lives, and N lives of each other law; the tracker does not know
+which law applies. Two sets alter own lives: one of 25 estimates is wrong by far more than its sigma
+("wrong estimates"), or the unit is repaired and lives again ("repaired"). One of every --thin tests
+is used.
 
 Each mechanism is switched off separately, by an argument of the tracker's constructor. The fleet
 prior is switched on instead. Its fleet consists of units of the own lives, so it differs in kind

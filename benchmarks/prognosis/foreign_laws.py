@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy and coverage of the remaining life, on lives by laws that the tracker does not have.
+"""Accuracy and coverage of the remaining life, on lives by the foreign laws of laws.py.
 
     python -m prognosis.foreign_laws [--lives N] [--constant N] [--laws SET] [--json FILE]
 
 Lives (foreign_lives.py) follow a set of laws of laws.py: six that the tracker was developed with,
-"held out", or "seen" and "unseen", most with jumps. The tracker does not know the law. It is
+"held out", or "seen" and "unseen", some with jumps. The tracker does not know the law. It is
 compared on the same estimates with straight lines through all and through the last 60 tests, a
 quadratic, an exponential with bootstrap, and an oracle that knows the law, its parameters and its
 state.

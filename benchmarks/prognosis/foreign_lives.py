@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lives by laws that the tracker does not have, with estimates whose errors are correlated.
+"""Lives by the foreign laws of laws.py, with estimates whose errors are correlated.
 
 Tests are 5 to 20 h apart, one in ten is missing, and the errors of successive estimates have a
 correlation of 0.5. Of every six lives of a law, three follow the law alone. One has a gap of 200 to
-400 h without tests, one a repair, and one a second fault that grows by another law under the same
-load. Lives with constant faults have the same tests; every second one has a wave in a fault.
+400 h without tests, one a repair, and one a second fault that grows by a law of the same set under
+the same load. All other faults grow a little. Lives with constant faults have the same tests; every
+second one has a wave in a fault.
 """
 
 import math

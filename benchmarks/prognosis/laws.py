@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of growth that the tracker does not have. The parameters of a law are drawn for each life.
+"""Foreign laws of growth: they are independent of the laws of the tracker and of ``ema_sim``.
+
+The parameters of a law are drawn for each life. The tracker has laws similar to a few of them:
+logistic growth, jumps and powers of time.
 
 Faults are in shares of the limit, y = x / limit, and u is the time of growth in hours. Laws step
 many samples simultaneously, so that an oracle can continue a life with the code that made it. The

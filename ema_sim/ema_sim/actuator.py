@@ -62,8 +62,9 @@ class SimulatedActuator:
     Raises
     ------
     ValueError
-        If a period is not a whole multiple of the step, the noise gain is negative, or the drive
-        cannot be simulated.
+        If a period is not a whole multiple of the step below 1 s, ``noise_hold_s`` does not divide
+        the sample period, the noise gain is negative or not finite, ``rng`` is missing although the
+        noise gain is not 0, or the drive cannot be simulated.
     """
 
     def __init__(
@@ -142,8 +143,8 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            If `ema_core.cause_profiles.cause_profiles` rejects the causes, or the winding is too
-            hot for the step of 1 us.
+            If `ema_core.cause_profiles.cause_profiles` rejects the causes, the winding is too hot
+            for the step of 1 us, or the drive cannot be simulated with a cause.
         """
         return dict(self._causes)
 

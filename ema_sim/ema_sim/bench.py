@@ -191,7 +191,8 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            If a cause is invalid; the previous causes remain in effect.
+            If a cause is invalid or the motor cannot be simulated with it; the previous causes
+            remain in effect.
         """
         profiles = self.check_causes(causes)
         with self._lock:
@@ -229,7 +230,7 @@ class ActuatorBench:
         trial.advance([0.0])
 
     def _trial(self, causes: Causes) -> SimulatedActuator:
-        """Return a healthy actuator with the parameters of the bench and hidden causes."""
+        """Return a healthy actuator with the parameters of the bench and with hidden causes."""
         h = self.description.sample_period
         trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
         trial.causes = causes

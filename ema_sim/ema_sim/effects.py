@@ -81,7 +81,8 @@ def courses(
 ) -> Courses | NoEffects:
     """Return the values of the hidden causes over a block, except sensor causes.
 
-    Each cause is constant over a sample, with its value at mid-sample.
+    The result is ``NO_EFFECTS`` if there are only sensor causes, or none. Each cause is constant
+    over a sample, with its value at mid-sample.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated lives: faults grow in a new actuator until a fault reaches its limit.
 
-One fault dominates: its rate is drawn from a distribution around the typical rate. By default, the
-remaining faults grow at a fifth of their rates. Tests have a fixed interval; some are missing, and
-some windows are disturbed by noise of the current sensor or by a gap.
+The rate of each fault is drawn from a distribution around the typical rate. One fault dominates: by
+default, all other faults grow at a fifth of their rates. Tests have a fixed interval; some are
+missing, and some windows are disturbed by noise of the current sensor or by a gap.
 """
 
 import math
@@ -95,7 +95,9 @@ def run_to_failure(
     with_repair: bool = False,
     typical: Mapping[str, TypicalGrowth] = TYPICAL,
 ) -> SimulatedLife:
-    """Return the random life of a new actuator until a fault reaches its limit.
+    """Return the random life of a new actuator until its dominant fault reaches its limit.
+
+    Lives that another fault ends are redrawn.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def constant_life(
     Notes
     -----
     Each component is healthy with a probability of 0.5, else constant at up to 60 % of its limit.
-    At most one phase has a short circuit.
+    At most one phase has a short circuit. The phase of the eccentricity is random.
     """
     settings = settings or LifeSettings()
     _check(limits)
@@ -269,9 +271,10 @@ def _draw_life(
 def _first_passage(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return the index of the first component at its limit, and the share of the step before.
+    """Return the index of the first component to reach its limit, and when.
 
-    The share is infinite if no component reaches its limit.
+    The time is the share of the step that passes before; it is infinite if no component reaches its
+    limit.
     """
     was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
     share = np.full(reach.shape, np.inf)

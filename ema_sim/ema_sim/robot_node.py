@@ -68,7 +68,7 @@ class RobotNode(SimulationNode):
         self.publish(topics.TRUE_FRICTION, message)
 
     def publish_block(self, block: ArmSample) -> None:
-        """Publish a sample of all joints."""
+        """Publish a sample of all joints, and the payload if it has changed."""
         if abs(block.stamp_ns - self._clock_ns) >= _CLOCK_PERIOD_NS:
             self._clock_ns = block.stamp_ns
             self.publish_clock(block.stamp_ns)

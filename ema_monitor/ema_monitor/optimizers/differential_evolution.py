@@ -13,10 +13,10 @@ class DifferentialEvolution(Population):
     """Differential evolution, DE/best/1/bin.
 
     The donor for each individual (the target) is the best individual plus F times the difference
-    between two partners, which differ from each other and from the target. A donor outside the box
-    bounces back to a random point between the best individual and the wall. The trial point takes
-    each component from the donor with probability CR, but at least one component, and the remaining
-    components from the target. It replaces the target if its cost is lower.
+    between two partners, which differ from each other and from the target. A component of a donor
+    outside the box bounces back to a random value between the best individual and the wall. The
+    trial point takes each component from the donor with probability CR, but at least one component,
+    and the remaining components from the target. It replaces the target if its cost is lower.
 
     Parameters
     ----------

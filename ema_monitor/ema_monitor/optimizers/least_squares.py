@@ -33,10 +33,10 @@ class ScreenedLeastSquares:
     towards the start. Each iteration evaluates the points for the difference quotients of all
     descents in one batch, then their trial steps in another, with several dampings near the best
     damping of the previous iteration. After each iteration, the worse half of the descents is
-    dropped until a single descent remains. A descent ends if the evaluated or predicted gain of a
-    step is small, if the step is short, or if an undamped step leads to a good fit as the linear
-    model predicts. It ends after 25 iterations at the latest. A component at its bound is fixed
-    while the step would leave the box.
+    dropped until a single descent remains. The screen ends with its best descent. A descent ends if
+    the evaluated or predicted gain of a step is small, if the step is short, or if an undamped step
+    leads to a good fit as the linear model predicts. It ends after 25 iterations at the latest. A
+    component at its bound is fixed while the step would leave the box.
 
     The first descent begins at the start. If its fit is not good, a small screen with a few
     descents follows, then a large screen with many descents. The large screen is skipped if the

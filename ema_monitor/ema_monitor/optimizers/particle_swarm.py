@@ -21,12 +21,12 @@ class ParticleSwarm(Population):
 
     Each particle is attracted by the best point on its own path, and by the best point on the paths
     of its neighbours. In each iteration, new neighbours are drawn for each particle. Their number
-    is initially a quarter of the swarm. If the best cost does not decrease in an iteration, the
-    number increases by a quarter of the swarm, up to all other particles, and a stall counter is
-    incremented. If the best cost decreases, the number is reset, and the counter is decremented,
-    at least to 0. The inertia is initially 1.1. It is doubled while the counter is below 2 and
-    halved while the counter is above 5, within [0.1, 1.1]. Particles that leave the box are clipped
-    to it, and lose the velocity component across the wall.
+    is initially a quarter of the swarm, at least 2. If the best cost does not decrease in an
+    iteration, the number increases by the initial number, up to all other particles, and a stall
+    counter is incremented. If the best cost decreases, the number is reset, and the counter is
+    decremented, at least to 0. The inertia is initially 1.1. It is doubled while the counter is
+    below 2 and halved while the counter is above 5, within [0.1, 1.1]. Particles that leave the box
+    are clipped to it, and lose the velocity component across the wall.
 
     In the documentation, the inertia changes only in iterations in which the best cost decreases.
     Here it changes in all iterations: a swarm with an inertia of 1.1 does not contract and seldom
