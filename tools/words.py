@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find words that are not plain technical English.
 
-README, docs, comments of ROS messages and string literals of Python sources are checked against
-``IN_TEXTS``. Docstrings, comments and local names are also checked against ``IN_CODE`` and
-``NAMES``. Code in Markdown and docstrings is ignored. Prints a line per finding, and exits with 1
-if there are any.
+All texts, such as documents, ROS messages and string literals of Python sources, are checked
+against ``IN_TEXTS``. Prose, which is everything except string literals, is also checked against
+``IN_PROSE``, documents against ``IN_DOCUMENTS``, and local names against ``NAMES``. Code in
+Markdown and docstrings is ignored. Prints a line per finding, and exits with 1 if there are any.
 """
 
 import ast
@@ -30,7 +30,7 @@ IN_TEXTS: Final = {
 }
 """Replacements for all texts, keyed by pattern."""
 
-IN_CODE: Final = {
+IN_PROSE: Final = {
     r"says?|said": "state, report, show",
     r"goes on|going on|gone on": "continue",
     r"takes? for|taken for": "interpret as, mistake for",
@@ -48,7 +48,16 @@ IN_CODE: Final = {
     r"of ours": "the name of the package",
     r"nobody|somebody": "the subject, or the passive",
 }
-"""Replacements for docstrings and comments, keyed by pattern."""
+"""Replacements for docstrings, comments, documents and ROS messages, keyed by pattern."""
+
+IN_DOCUMENTS: Final = {
+    r"alike": "in the same way, equal, similar",
+    r"as many as": "the number",
+    r"(?:other|another) makes?": "manufacturer",
+    r"to the bit": "bit-identical",
+    r"will do": "is sufficient",
+}
+"""Further replacements for documents, keyed by pattern."""
 
 NAMES: Final = frozenset(
     ("one", "found", "said", "told", "own", "other", "others", "known", "given", "heard")
@@ -59,13 +68,14 @@ UNTREATED: Final[tuple[str, ...]] = ()
 """Paths whose docstrings, comments and names are not checked yet."""
 
 PATTERNS: Final = (
-    *("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py"),
+    *("*.md", "Makefile", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py"),
     # The tests of this file contain the words.
     *("benchmarks/*.py", "tests/*.py", ":!tests/harness/test_words.py"),
 )
 COMMAND: Final = re.compile(r"\.(command|group)\b")
 FENCE: Final = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 CODE: Final = re.compile(r"``[^`]*``|`[^`\n]*`")
+TITLE: Final = re.compile(r"^#.*|\*\*[^*\n]+\*\*", re.MULTILINE)
 
 
 class Finding(NamedTuple):
@@ -87,8 +97,12 @@ def findings(name: str, content: str) -> list[Finding]:
         Content of the file.
     """
     if not name.endswith(".py"):
-        text = _without_code(content) if name.endswith(".md") else content
-        return _matches(1, text, IN_TEXTS)
+        if not name.endswith(".md"):
+            return sorted(_matches(1, content, IN_TEXTS | IN_PROSE))
+        text = _without_code(content)
+        # Titles may be questions: "What is installed".
+        prose = TITLE.sub("", text)
+        return sorted([*_matches(1, text, IN_TEXTS), *_matches(1, prose, IN_PROSE | IN_DOCUMENTS)])
     tree = ast.parse(content)
     docstrings = _docstrings(tree)
     replace = [
@@ -101,7 +115,7 @@ def findings(name: str, content: str) -> list[Finding]:
     if not name.startswith(UNTREATED):
         remarks = [(node.lineno, str(node.value)) for node in docstrings]
         for line, text in (*remarks, *_comments(content)):
-            replace += _matches(line, _without_code(text), IN_TEXTS | IN_CODE)
+            replace += _matches(line, _without_code(text), IN_TEXTS | IN_PROSE)
         replace += _variables(tree)
     return sorted(replace)
 

@@ -26,7 +26,10 @@ def words():
     [
         ("README.md", "A line.\nIt tells more.", [(2, "tells")]),
         ("README.md", "```\ntell\n```\n`told` and that of a friend", [(4, "that of")]),
-        ("ema_interfaces/msg/A.msg", "# heard", [(1, "heard")]),
+        ("README.md", "A file beside\nanother make.", [(1, "beside"), (2, "another make")]),
+        ("README.md", "## What is new\n- **What is wrong**: what is", [(2, "what is")]),
+        ("Makefile", "lock: ## compile all locks anew", [(1, "anew")]),
+        ("ema_interfaces/msg/A.msg", "# what is heard", [(1, "heard"), (1, "what is")]),
         ("ema_core/ema_core/a.py", 'text = "told"', [(1, "told")]),
         (
             "ema_core/ema_core/a.py",

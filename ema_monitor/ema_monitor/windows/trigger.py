@@ -98,7 +98,7 @@ class TriggerSettings(Checked):
 
     windows: str = text(
         TEST_CYCLE,
-        "what is identified: the motion after a rest, or any motion, combined",
+        "identified motion: the motion after a rest, or any motion, combined",
         (TEST_CYCLE, ANY_MOTION),
     )
     window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
