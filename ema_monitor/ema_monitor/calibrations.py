@@ -72,7 +72,8 @@ def calibrate(
         Form of the monitor model; the default form of the drive if None. It is ignored if the
         drive is unknown.
     accepted_by
-        Person who accepts a unit that is implausible for its description; "" to refuse it.
+        Person who accepts a unit that is implausible for its description; "" to refuse it. It is
+        ignored if the drive is unknown.
 
     Raises
     ------
@@ -150,7 +151,10 @@ class CalibrationStore:
         self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | CalibrationMissing:
-        """Return the calibration of an actuator, or the reason why it has none."""
+        """Return the calibration of an actuator, or the reason why it has none.
+
+        Without a calibration in use or a path in the settings, the shipped calibration is returned.
+        """
         key = description.unit_key
         if key not in self._in_use and self._pattern(description):
             path = self._set_path(description)

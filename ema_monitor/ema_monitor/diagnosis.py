@@ -43,7 +43,7 @@ def _identified(
     previous: ArrayLike | None,
     memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
-    """Identify the faults in a window, for any drive: yield generations, return the estimate."""
+    """Yield the generations of an identification, for any drive, and return its estimate."""
     if isinstance(calibration, JointCalibration):
         return identify_record(window, description, calibration, force=force)
     faults = None if previous is None else fault_vector(previous)
@@ -270,10 +270,10 @@ class Diagnosis:
     """Diagnoses one actuator, window by window.
 
     If description and calibration are unchanged, a search starts at the faults of the latest valid
-    estimate, with earlier tests as its prior. Stretches of ordinary motion are combined; a change
-    of description, calibration or settings starts a new combination. The estimates depend only on
-    the windows and their order: live, in a replay and offline, the same windows give the same
-    estimates.
+    estimate, with earlier tests as its prior, unless ``SearchSettings.memory`` or ``warm_start`` is
+    False. Stretches of ordinary motion are combined; a change of description, calibration or
+    settings starts a new combination. The estimates depend only on the windows and their order:
+    live, in a replay and offline, the same windows give the same estimates.
     """
 
     def __init__(self) -> None:
@@ -342,7 +342,7 @@ class Diagnosis:
 
     @property
     def tally(self) -> Tally:
-        """Number of stretches by result since the combination started."""
+        """Number of stretches by result since the combination started; zeros without one."""
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
@@ -398,7 +398,10 @@ class Diagnosis:
         return Diagnosed(self._combined - 1, self._latest, motion.description, estimate)
 
     def _departed_without_estimate(self, motion: _Motion) -> list[Diagnosed]:
-        """Return a refusal if a combination gave no estimate and its stretches depart."""
+        """Return a refusal if a combination gave no estimate and its stretches depart.
+
+        Otherwise the list is empty.
+        """
         is_new = motion.combination.tally.fruitless > motion.fruitless
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):
@@ -424,7 +427,10 @@ def diagnose(
     *,
     force: bool = False,
 ) -> Iterator[Generation | Diagnosed]:
-    """Diagnose all windows of one actuator with the same settings (see `Diagnosis.add`)."""
+    """Yield the generations and estimates of one actuator's windows, with the same settings.
+
+    The arguments are described in `Diagnosis.add`.
+    """
     diagnosis = Diagnosis()
     for segment in windows:
         yield from diagnosis.add(

@@ -34,8 +34,8 @@ def fault_instead(
     """Return a phrase naming a fault that would explain calibration windows; "" if none would.
 
     The deviations of a calibration may have absorbed a fault. The described unit with faults is
-    therefore compared with the fitted healthy unit. A fault counts if it exceeds its limit in each
-    compared window.
+    therefore compared with the fitted healthy unit. A fault counts if, in each compared window, it
+    exceeds its limit and the cost ratio is at most ``WORST_RATIO``.
 
     Parameters
     ----------

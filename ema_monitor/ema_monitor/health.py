@@ -291,6 +291,7 @@ def _torque_by_causes(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to torque per ampere, reduced by a weaker motor or magnets.
 
+    The result is empty if the torque per ampere is unknown or has not fallen.
     A window may not separate lost turns in all phases from lost turns in a single phase.
     """
     cause = torque_change(estimate)
@@ -367,6 +368,9 @@ def _limited_by_warning(health: Health) -> Health:
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
     """Return the health extended by requirements; the worse level and severity apply.
 
+    If the level of the faults is STALE and the worst requirement is OK, the level remains STALE,
+    and all requirements become STALE.
+
     Parameters
     ----------
     health
@@ -394,6 +398,7 @@ def _torque_per_ampere(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to the torque per ampere of an unknown drive.
 
+    The result is empty if its change is unknown.
     Turns may be lost in all phases, not only in a single phase. Hot magnets are weaker, which is
     not a fault: unless their effect was measured, it is part of sigma.
     """

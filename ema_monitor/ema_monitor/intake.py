@@ -183,7 +183,7 @@ class Intake:
         return {unit: list(meter.pieces) for unit, meter in self._meters.items()}
 
     def _complete(self, events: Iterable[Segment | Defect]) -> list[Segment | Defect]:
-        """Add measured causes to windows and assign the preceding duty to them."""
+        """Return events with measured causes added to windows; store the duty up to each window."""
         return [self._with_use(event) if isinstance(event, Segment) else event for event in events]
 
     def _with_use(self, segment: Segment) -> Segment:

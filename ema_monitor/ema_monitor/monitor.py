@@ -107,7 +107,9 @@ class Monitor:
         return f"<Monitor: {self._description.actuator_id}, {tests} valid tests>"
 
     def feed(self, telemetry: Telemetry) -> Iterator[Output]:
-        """Process a block of telemetry; yield defects, estimates and outlooks.
+        """Process a block of telemetry; return an iterator of defects, estimates and outlooks.
+
+        Its windows are diagnosed during the iteration.
 
         Feed blocks in the order of their reception. If the clock of their stamps steps back, the
         level is unknown (``STALE``) until the stamps of tests exceed the stamps before the step. If
@@ -122,6 +124,8 @@ class Monitor:
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
         """Add measured hidden causes; they apply to the windows that begin later.
+
+        They apply until they are older than ``measured_max_age_s``.
 
         Parameters
         ----------

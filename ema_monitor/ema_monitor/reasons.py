@@ -178,11 +178,12 @@ class ColumnsChanged(Reason, code="columns_changed"):
 
 @dataclass(frozen=True)
 class PayloadChanged(Reason, code="payload_changed"):
-    """The payload is known only before or only from a sample on."""
+    """The payload is known only before a sample, or only from a sample on."""
 
     is_known: bool
     """Whether the payload is known from ``index`` on."""
     index: int
+    """Index of this sample."""
 
 
 @dataclass(frozen=True)
@@ -323,7 +324,7 @@ class IdentificationFailed(Reason, code="identification_failed"):
 
 @dataclass(frozen=True)
 class OrderUnknown(Reason, code="order_unknown"):
-    """Test order unknown: the stamp is older than the newest stamp."""
+    """The order of the tests is unknown: the stamp of a test is not later than the newest stamp."""
 
     before_s: float
     """Time from this stamp to the newest stamp [s]. A value of 0 or less means that a different
@@ -520,7 +521,7 @@ class JamOrOpenCircuit(Reason, code="jam_or_open_circuit"):
 
 @dataclass(frozen=True)
 class DeadSensor(Reason, code="dead_sensor"):
-    """Dead sensor: a column is constant although another column changes."""
+    """Dead sensor: ``column`` is constant although the column ``moving`` changes."""
 
     column: str
     value: float
@@ -600,7 +601,10 @@ class Contradicted(Reason, code="contradicted"):
 
 @dataclass(frozen=True)
 class CauseFound(Reason, code="cause_found"):
-    """A hidden cause is part of the explanation, ``low`` to ``high`` over the stretches."""
+    """A hidden cause is part of the explanation, ``low`` to ``high`` over the stretches.
+
+    ``low`` and ``high`` are NaN for a single window or stretch.
+    """
 
     name: str
     value: float
@@ -663,7 +667,7 @@ class MotionEnded(Reason, code="motion_ended"):
 
 @dataclass(frozen=True)
 class MotionDisagrees(Reason, code="motion_disagrees"):
-    """The subsequent motion does not agree with the stretches."""
+    """The subsequent motion does not agree with the stretches combined before."""
 
 
 @dataclass(frozen=True)
@@ -710,7 +714,7 @@ class FiguresDeparted(Reason, code="figures_departed"):
 
 
 class StateProbability(NamedTuple):
-    """Probability of a labelled state."""
+    """Probability of a state: healthy, a label, or none of these."""
 
     state: str
     probability: float
@@ -767,9 +771,10 @@ class WouldDepart(Reason, code="would_depart"):
     figure: str
     """Name of the figure."""
     change: float
-    """Measured minus healthy value, relative to healthy [-]; else in A."""
+    """Measured minus healthy value, relative to the healthy value [-]; if not ``is_relative``, in
+    A."""
     smallest_change: float
-    """Smallest change that departs on a day without healthy tests, as ``change``."""
+    """Smallest change that departs on a day without healthy tests, in the unit of ``change``."""
     is_relative: bool
     """Whether the changes are relative; false for a level with a healthy value of 0 or less."""
 
@@ -874,7 +879,10 @@ class SpeedScaled(Reason, code="speed_scaled"):
 
 @dataclass(frozen=True)
 class EffortScaled(Reason, code="effort_scaled"):
-    """The effort is ``factor`` times the healthy effort [-]; ``mistake`` is () if unusual."""
+    """The effort is ``factor`` times the healthy effort [-].
+
+    ``mistake`` is () if no common mistake has this factor.
+    """
 
     factor: float
     mistake: MistakeRow | tuple[()]
@@ -934,7 +942,7 @@ class SpikesRemoved(Reason, code="spikes_removed"):
 
 @dataclass(frozen=True)
 class OtherUpdates(Reason, code="other_updates"):
-    """The position is updated after ``samples`` samples, in healthy records after ``healthy``."""
+    """The position is updated every ``samples`` samples, in healthy records every ``healthy``."""
 
     samples: float
     healthy: float

@@ -131,8 +131,9 @@ class Unit:
     ) -> Outlook | None:
         """Record the estimate of a test and return the resulting outlook.
 
-        The result is None if the window was skipped, or if it is refused and older than the newest
-        test. If the order of tests is unknown, the test is refused.
+        The result is None if the window was skipped, or if it is refused and either recorded
+        already or older than the newest test. If the order of tests is unknown, the test is
+        refused.
 
         Parameters
         ----------
@@ -144,8 +145,8 @@ class Unit:
             Settings to use from this test on.
         count
             Latest count of service hours that was read before the test, or None.
-            flown
-                Known duty since the previous test, valid or not.
+        flown
+            Known duty since the previous test, valid or not.
         received_ns
             Reception time on the receiver's clock [ns]; 0 for a recording.
         is_live
@@ -275,7 +276,7 @@ class Unit:
         counts: Sequence[Count] = (),
         flown: Sequence[tuple[int, FlownDuty]] = (),
     ) -> Iterator[tuple[Estimate, Outlook | None]]:
-        """Call ``update`` for each estimate; yield the estimate with its outlook.
+        """Yield each estimate with the outlook that ``update`` returns for it.
 
         Parameters
         ----------

@@ -42,10 +42,11 @@ def torque_change(estimate: Estimate) -> CauseEstimate | None:
 def unusual_causes(estimate: Estimate) -> dict[str, str]:
     """Return a phrase for each hidden cause that excludes the level OK, keyed by cause name.
 
-    An estimated or measured cause is unusual if its 95 % bound is outside the usual range. For a
-    degraded estimate the value is used instead of the bound, as sigma includes the uncertainty of
-    inseparable components. If the fit is poor, every estimated cause counts, because it may
-    represent something that the model cannot explain.
+    Only the causes in ``USUAL_SIGMA`` count. An estimated or measured cause is unusual if its 95 %
+    bound is outside the usual range. For an estimated cause of a degraded estimate, the value is
+    used instead of the bound, because sigma includes the uncertainty of inseparable components. If
+    the fit is poor, every estimated cause counts, because it may represent something that the model
+    cannot explain.
     """
     is_poor = estimate.goodness_of_fit > estimate.goodness_limit
     sigmas = 0.0 if estimate.verdict == DEGRADED else ONE_SIDED_95

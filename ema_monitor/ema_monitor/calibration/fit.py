@@ -144,7 +144,10 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
 def _scatter(
     windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
-    """Return the expected band-limited rms residuals of current and speed in another window."""
+    """Return the expected band-limited rms residuals of current and speed in another window.
+
+    They are NaN for a single window, or if all windows are the same.
+    """
     m = len(windows)
     if m == 1:
         return float("nan"), float("nan")

@@ -53,7 +53,7 @@ def mean_residuals(
 
 
 def sample_weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
-    """Return the sample weights for the fit of a unit, ``(n,)`` for each command.
+    """Return the sample weights for the fit of a unit, ``(n,)`` or 1 for each command.
 
     Ordinary motion is often slow or at rest, where the model of the mean current is least accurate.
     If any window contains a rest, the samples are weighted as in an estimate (M15). Otherwise all

@@ -78,7 +78,7 @@ class JointCalibration(StoredCalibration):
     """Parameters from the description. Only gear ratio, torque constant and lead are used, to
     convert between motor, user shaft and rod."""
     sample_period: float
-    """Period of the telemetry of the healthy records [s]."""
+    """Median sample period of the healthy records [s]."""
     speed_measured: bool
     """Whether the speed was measured."""
     effort_unit: str
@@ -95,7 +95,7 @@ class JointCalibration(StoredCalibration):
 
     @cached_property
     def comparer(self) -> Comparer:
-        """Comparison of records with the baseline."""
+        """Comparer of records with the baseline."""
         unit, scale = self.effort_shown
         return Comparer(self.baseline, unit, scale)
 
@@ -247,7 +247,8 @@ def calibrate_joint(
     Raises
     ------
     ValueError
-        If there is no record, no measured effort, or the records do not determine the friction.
+        If there is no record, the effort is not measured, two records are identical, no record can
+        be used, or the records do not determine the friction.
     """
     if description.acquisition.current == "none":
         raise ValueError(

@@ -166,7 +166,10 @@ def numbers(name: str, values: Any) -> Array:
 
 
 def is_calibration_file(path: Path) -> bool:
-    """Return whether the first lines of a file identify it as a calibration of any kind."""
+    """Return whether the first lines of a file identify it as a calibration of any kind.
+
+    The result is False if the file cannot be read.
+    """
     try:
         with open_regular_file(path) as file:
             head = file.read(_HEAD_BYTES).split(b"\n")

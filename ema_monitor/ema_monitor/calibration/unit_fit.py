@@ -199,6 +199,11 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
     deviations that the windows do not determine. The fit begins with lift, friction, Stribeck speed
     and inertia. It adds further deviations one at a time if they explain a large share of the
     remaining residuals. Otherwise they would absorb residuals with different causes.
+
+    Raises
+    ------
+    ValueError
+        If the fit drives a deviation to its bound.
     """
     problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma
@@ -247,7 +252,7 @@ class _Addition(NamedTuple):
 def _most_explaining(at: Quadratic, active: Flags, least: Array) -> _Addition | None:
     """Return the deviation that would reduce the cost the most if it were added to the fit.
 
-    Returns None if no additional deviation would reach the magnitude ``least``, ``(d,)``.
+    The result is None if no additional deviation would reach the magnitude ``least``, ``(d,)``.
     """
     best = None
     for number in np.flatnonzero(~active):

@@ -146,7 +146,8 @@ class Combination(Combining):
 
         A search is worthwhile if it would reduce a standard deviation that exceeds the target, if
         the faults estimated so far do not explain the stretch, or if the search would refuse the
-        stretch with a reason to report.
+        stretch with a reason to report. A stretch that is explained and repeats an earlier motion
+        is not worth a search.
         """
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
@@ -213,7 +214,10 @@ class Combination(Combining):
         return self._conclude() if np.all(knowledge.sigma <= target) else []
 
     def _conclude(self, ending: Reason | None = None) -> list[Estimate]:
-        """Return the estimate of the combined stretches, and begin a new combination."""
+        """Return the estimate of the combined stretches, and begin a new combination.
+
+        The list is empty if no stretch was combined, or no fault is accurate enough.
+        """
         parts, knowledge = self._parts, self._knowledge
         if parts:
             self._previous = np.array(parts[-1].estimate.faults)

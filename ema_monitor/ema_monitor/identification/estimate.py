@@ -84,7 +84,7 @@ class Estimate(Displayed):
     """Largest goodness of fit at which the faults explain the window [-]."""
     excitation: float = math.nan
     """Peak-to-peak range of the command [rad], or of the position in a record or a window without a
-    command; for stretches, the largest range."""
+    command; for stretches, the largest range. NaN for a refusal without a window."""
     evaluations: int = 0
     """Number of model evaluations."""
     computing_time: float = 0.0

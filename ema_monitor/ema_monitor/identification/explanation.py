@@ -392,7 +392,10 @@ class Explainer:
         return descend(problem, starts, search, _STOPPING).point
 
     def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
-        """Return the fit with insignificant components set to healthy and the rest fitted again."""
+        """Return the fit with insignificant components set to healthy and the rest fitted again.
+
+        If this increases the cost too much, the fit is returned unchanged.
+        """
         objective = self._objective
         floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
         groups = self._evidence.singles(fitted)

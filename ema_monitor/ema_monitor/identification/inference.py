@@ -157,7 +157,7 @@ class Inference:
         faults, play
             Faults at the optimum, ``(8,)``, and position of the motor in its play [half-widths].
         fitted
-            Values of the causes that need no evidence, in the unit box.
+            Values of the causes that need no evidence, in the unit box, ``(k,)``.
         started
             Start time of the identification by ``time.perf_counter`` [s].
         warm_start
@@ -352,7 +352,10 @@ class Inference:
         return after, gained
 
     def _causes(self, explanation: Explanation, covariance: Array) -> tuple[CauseEstimate, ...]:
-        """Return the hidden causes that are part of the explanation."""
+        """Return the hidden causes that are part of the explanation.
+
+        Causes that agree with their measured or expected values are omitted.
+        """
         objective = self._objective
         first = objective.first_cause
         causes = [
@@ -370,7 +373,10 @@ class Inference:
         return tuple(cause for cause in causes if self._is_unexpected(cause))
 
     def _is_unexpected(self, cause: CauseEstimate) -> bool:
-        """Return whether a cause differs significantly from its expected value."""
+        """Return whether a cause differs significantly from its measured or expected value.
+
+        The result is True for a cause without such a value.
+        """
         for measured in self._window.measured:
             if measured.name == cause.name:
                 # Combining window and measurement never increases the variance.

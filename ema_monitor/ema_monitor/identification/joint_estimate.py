@@ -98,7 +98,7 @@ def identify_record(
     Parameters
     ----------
     window
-        The record. If there is only a refusal of the record, the estimate is a refusal as well.
+        The record, or its refusal, for which the estimate is a refusal with the same cause.
     description
         Description of the actuator.
     calibration
@@ -252,7 +252,10 @@ def _sample_caveats(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterat
 def _record_of(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return a record fitted to usable samples, or the reasons why it cannot be compared."""
+    """Return a record fitted to usable samples, or the reasons why it cannot be compared.
+
+    An uncertain shift of the effort is corrected only if the record is then explained better.
+    """
     preparation = calibration.baseline.preparation
     fine = preparation.block_means(window.telemetry, description)
     healthy = [item.effort_lag for item in calibration.baseline.records]
@@ -351,7 +354,9 @@ def _shifted_zero(
 ) -> float | None:
     """Return the shift of the position zero relative to the healthy records [rad].
 
-    Returns None if the changes explain the record better than a shifted zero.
+    The result is None if the changes explain the record better than a shifted zero, if the shift is
+    negligible, or if the model has no gravity. It is also None if the record has not departed, or
+    the shifted record cannot be compared.
     """
     baseline, comparer = calibration.baseline, calibration.comparer
     if not (baseline.shape.has_gravity and comparison.has_departed):

@@ -87,7 +87,8 @@ class Memory:
     def updated(self, estimate: Estimate) -> "Memory":
         """Return the memory updated with the estimate of a test.
 
-        The estimate must have been made with this memory.
+        The estimate must have been made with this memory. The memory is unchanged by an estimate
+        that is not valid, comes from stretches, or ends before the latest test.
         """
         if not estimate.valid or estimate.stretches or estimate.end_ns < self.stamp_ns:
             return self
@@ -109,7 +110,10 @@ class Memory:
 
     @property
     def expected(self) -> tuple[CauseEstimate, ...]:
-        """Hidden causes that are expected in the next test."""
+        """Hidden causes that a test has shown and distinguished from all alternatives.
+
+        They are expected in the next test.
+        """
         return tuple(
             self.causes[name] for name in SLOW if name in self.clear and self.causes[name].value
         )
@@ -140,6 +144,8 @@ class Memory:
 
     def surprise(self, faults: Array, causes: Mapping[str, Array]) -> Array:
         """Return -2 ln of the prior density of explanations, relative to its maximum, ``(n,)``.
+
+        The causes in ``expected`` do not contribute, because `informed` adds them to the window.
 
         Parameters
         ----------

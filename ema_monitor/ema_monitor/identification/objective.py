@@ -238,6 +238,8 @@ class Objective:
     def fair_cost(self) -> float:
         """Return the highest cost at which an optimum explains most of the departure [A^2.s].
 
+        It is 5 % of the cost at the healthy point, but at least the good cost.
+
         It replaces the good cost for units that the model does not match: all their optima have a
         high cost.
         """
@@ -429,7 +431,7 @@ class Objective:
 
     @cached_property
     def unit_steps(self) -> Array:
-        """Standard deviations of the unit along its principal axes, ``(k, 25)``."""
+        """Uncertain deviations of the unit, by one sigma along each principal axis, ``(k, 25)``."""
         covariance = self._calibration.unit_covariance
         if self._knows:
             # The correction includes the deviations that were not worth fitting, except the play:

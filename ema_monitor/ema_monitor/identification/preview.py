@@ -31,9 +31,10 @@ class StretchMotion(NamedTuple):
     """Motion of a stretch, sampled every millisecond."""
 
     states: Array
-    """Position and speed, ``(n, 2)`` [rad, rad/s]."""
+    """Position and speed, ``(n, 2)`` [rad, rad/s]. If the speed is not measured, it is derived from
+    the position, in radians per sample."""
     scale: Array
-    """Travel and largest speed, ``(2,)`` [rad, rad/s]."""
+    """Travel and largest speed, ``(2,)``, in the units of ``states``."""
     load: float
     """Load relative to the largest possible load [-]."""
 

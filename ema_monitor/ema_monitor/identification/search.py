@@ -100,8 +100,8 @@ class ModelIdentification:
     """Identification of the faults in a window by fitting a model."""
 
     window: Window | Refusal
-    """The window with its measured causes. If there is only a refusal of the window, the estimate
-    is a refusal as well."""
+    """The window with its measured causes, or its refusal, for which the estimate is a refusal with
+    the same cause."""
     description: ActuatorDescription
     """Description of the actuator."""
     calibration: Calibration | CalibrationMissing
@@ -145,7 +145,11 @@ class ModelIdentification:
                 return end.value.estimate
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
-        """Search; repeat without the measured or remembered causes that the window contradicts."""
+        """Yield the generations of a search, and return its result.
+
+        The search is repeated without the measured or remembered causes that the window
+        contradicts.
+        """
         spent = 0
         memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         premises = _Premises(window, calibration, memory, time.perf_counter())
@@ -162,10 +166,11 @@ class ModelIdentification:
             premises = premises.without(*wrong)
 
     def _search_without_measured(self, result: WindowResult, premises: _Premises) -> Search:
-        """If the fit is poor, repeat the search without one of the measured causes of the motion.
+        """Yield the generations of searches without one measured cause each, if the fit is poor.
 
-        A sensor error may compensate for a wrong measurement, but it fits worse than a search
-        without the measurement.
+        The result is the first of these searches with a good and much better fit, or else the
+        unchanged result. A sensor error may compensate for a wrong measurement, but it fits worse
+        than a search without the measurement. Measured sensor errors are never omitted.
         """
         poor = result.estimate
         if not poor.goodness_of_fit > poor.goodness_limit:
@@ -187,7 +192,12 @@ class ModelIdentification:
     def _check_scale(
         self, result: WindowResult, window: Window, calibration: Calibration
     ) -> Search:
-        """Refuse a poorly explained window if one of its columns is wrong by a factor."""
+        """Return a refusal if a column is wrong by a factor, or else the unchanged result.
+
+        Only a poorly explained window, or a gain of the current sensor that equals a common
+        mistake, leads to a refusal. The generations of a search with a corrected current are
+        yielded.
+        """
         estimate = result.estimate
         parameters = calibration.parameters
         if mistaken := mistaken_amplitude(estimate.causes):

@@ -53,7 +53,7 @@ class Tally(NamedTuple):
     refused: int = 0
     """Stretches that cannot be used, or that the model cannot explain."""
     dropped: int = 0
-    """Stretches that the monitor dropped because its queue was full."""
+    """Stretches that the monitor dropped because its queue was full or it was not active."""
     fruitless: int = 0
     """Combinations in which no fault reached the target accuracy."""
     reasons: tuple[Reason, ...] = ()

@@ -185,7 +185,11 @@ def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
 
 
 def turn_of(faults: Array) -> Array:
-    """Return the Jacobian of a fault vector with respect to Cartesian coordinates, ``(8, 8)``."""
+    """Return the Jacobian of a fault vector with respect to Cartesian coordinates, ``(8, 8)``.
+
+    The derivative of the phase is computed for an eccentricity of at least
+    ``SMALLEST_ECCENTRICITY``, because it is infinite at 0.
+    """
     phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     around = 2.0 * np.pi * max(faults[ECCENTRICITY], SMALLEST_ECCENTRICITY)
@@ -204,10 +208,11 @@ def significant_components(
 ) -> tuple[Flags, Array]:
     """Return flags of the significant components, ``(d,)``, and the optimum restricted to them.
 
-    Backward elimination on the linear model: as long as a group of components is not significant
-    (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the remaining
-    components are fitted again. Faults are rare: a fault without evidence counts as absent. See M17
-    in ``docs/identification.md``.
+    Backward elimination on the linear model: as long as a group of components is not significant,
+    the least significant group is set to healthy and the remaining components are fitted again. The
+    limit is ``SIGNIFICANT_SIGMAS`` for a fault, and ``SIGNIFICANT_CAUSE`` for a hidden cause.
+    Faults are rare: a fault without evidence counts as absent. See M17 in
+    ``docs/identification.md``.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class Prior(NamedTuple):
     sigma: float
     """Standard deviation."""
     reach: float
-    """Upper bound."""
+    """Upper bound; for a measured cause, largest distance from ``expected``."""
     lowest: float
     """Lower bound."""
     tail: float = math.inf
