@@ -38,7 +38,7 @@ class ErrorModel:
     truth: NDArray[np.float64]  # true faults, (n, 8)
     sigma: NDArray[np.float64]  # standard deviations, (n, 8); NaN where unobservable
     correlation: NDArray[np.float64]  # of the errors, (n, 8, 8)
-    standardised: NDArray[np.float64]  # errors in sigma, NaN for hidden components, (n, 8)
+    standardised: NDArray[np.float64]  # errors in sigma, NaN unless shown clearly, (n, 8)
 
     @classmethod
     def of(cls, path: Path = FILE) -> "ErrorModel":
@@ -126,7 +126,8 @@ class ErrorModel:
     def _errors(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the errors of a random window in units of sigma, ``(8,)``.
 
-        The error of a hidden component is taken from another window.
+        The error of a component that the window does not show clearly is the error of another
+        window.
         """
         z = self.standardised[rng.integers(len(self.standardised))].copy()
         for number in np.flatnonzero(np.isnan(z)):

@@ -125,8 +125,8 @@ def continued(
     """Continue a law. Return shares of the limit, ``(m, n)``, and states, ``(m, k, n)``.
 
     ``hours``, ``(m,)``, are counted from the start of the law [h]. ``share``, ``(n,)``, and
-    ``states``, ``(k, n)``, are the values of n samples at the first of the hours. ``rngs`` are the
-    generators of the law and of the noise.
+    ``states``, ``(k, n)``, are the values of n samples at the first of the hours; ``states`` is
+    overwritten. ``rngs`` are the generators of the law and of the noise.
     """
     law_rng, noise_rng = rngs
     shares, kept = [share], [states.copy()]

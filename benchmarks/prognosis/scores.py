@@ -21,7 +21,10 @@ WITHOUT_DIFFUSION: Final = "without gain"
 
 @dataclass(frozen=True)
 class LifeScore:
-    """Scores of one life, NaN without predictions; shares are in [-], hours in h."""
+    """Scores of one life; shares are in [-], hours in h.
+
+    ``first_hours`` is NaN without a prediction, ``convergence_share`` with fewer than two.
+    """
 
     kind: str  # dominant fault
     end_hours: float

@@ -244,8 +244,8 @@ def leg_voltage(q, i, half_V, off):
 def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
     """Return phase currents [A] and ``pauses`` after a step in which no leg is interrupted (M4).
 
-    There is no open phase, no dead switch and no remaining dead time. ``effects`` only selects this
-    function, and ``pauses``, the remaining dead times of the legs [steps], are unchanged.
+    There is no open phase, no dead switch and no remaining dead time. ``effects`` is not read, and
+    ``pauses``, the remaining dead times of the legs [steps], are unchanged.
     ``half_V`` is half of the supply voltage [V], ``omega`` the motor speed [rad/s] and ``dt`` the
     step [s]. ``q``, ``i`` and ``k`` are the switching states (+1 or -1), currents [A] and back-EMF
     constants [V.s/rad] of the phases.

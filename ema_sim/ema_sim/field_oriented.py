@@ -107,8 +107,9 @@ def advance_sample(
 ):
     """Advance the state by the steps of a sample.
 
-    The arguments are as in `ema_sim.reference.advance_sample`. Returns the new state and the final
-    state of the current sample.
+    ``loop`` has the constants of the current loops; the other arguments are as in
+    `ema_sim.reference.advance_sample`. Returns the new state and the final state of the sample of
+    the current.
     """
     steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]

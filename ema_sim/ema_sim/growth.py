@@ -104,7 +104,7 @@ def grow(
     Raises
     ------
     ValueError
-        If the vector or the growths are invalid, or ``hours_step`` is below 0.
+        If the vector or the growths are invalid, or ``hours_step`` is negative or not finite.
     """
     if not 0.0 <= hours_step < math.inf:
         raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")

@@ -175,6 +175,8 @@ class BenchRunner(Generic[AnyCycle, AnyBlock]):
     ----------
     activity
         Current activity, as a phrase.
+    cycle
+        Running number of the latest cycle, from 0.
     thread
         Thread of the run.
     """
