@@ -425,17 +425,17 @@ def _motion_seed(stream: int, unit: Unit, *more: int) -> tuple[int, ...]:
 
 
 def _moves(rng: np.random.Generator, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return smooth moves between random angles, with dwells."""
+    """Return the command at times ``t`` [s], ``(n,)`` [rad]: smooth random moves with dwells."""
     return _between(rng, t, (0.02, 0.3), 0.05, (0.0, 0.3), smooth=True)
 
 
 def _ramps(rng: np.random.Generator, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ramps between random angles, with dwells."""
+    """Return the command at times ``t`` [s], ``(n,)`` [rad]: random ramps with dwells."""
     return _between(rng, t, (0.01, 0.1), 0.02, (0.05, 0.5), smooth=False)
 
 
 def _sine(rng: np.random.Generator, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a sine of random frequency and amplitude."""
+    """Return the command at times ``t`` [s], ``(n,)`` [rad]: a sine, random in size and rate."""
     f = rng.uniform(0.5, 5.0)
     amplitude = min(rng.uniform(2e-3, _REACH), 0.4 / (2.0 * np.pi * f))
     return amplitude * np.sin(2.0 * np.pi * f * t)

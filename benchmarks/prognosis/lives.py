@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lives that prognosis is scored on, and estimates of the real estimator in their tests."""
+"""Lives for which prognoses are scored, and estimates of the real estimator in their tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

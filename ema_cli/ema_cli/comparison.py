@@ -52,7 +52,7 @@ class AlgorithmComparison:
 
     @property
     def best(self) -> ComparedRun | None:
-        """Run with the lowest cost among valid runs, else among all runs; None if none has a cost."""
+        """Run with the lowest cost among valid runs, else all runs; None if no run has a cost."""
         fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
         return min(
             fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None

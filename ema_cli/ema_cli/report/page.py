@@ -205,7 +205,10 @@ def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Mark
 
 
 def _bags_in_words(fleet: FleetSummary) -> str:
-    """Describe the bags whose tests are not or only in part in the tables; "" if there are none."""
+    """Return a sentence on the bags whose tests are missing from the tables, wholly or in part.
+
+    It is "" if there is no such bag.
+    """
     counts = [
         f"{fleet.bags[name]:,} {what}"
         for name, what in (

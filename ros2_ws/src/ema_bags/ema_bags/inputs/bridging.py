@@ -316,7 +316,7 @@ class Bridge:
         return self._clock is None or self._is_other(find_rate(recent_ns).measured_period)
 
     def _is_other(self, period: float) -> bool:
-        """Return whether a sample period [s] differs from the nominal period."""
+        """Return whether a sample period [s] differs from the nominal period by a factor of 1.5."""
         assert self._stream is not None
         nominal = self._stream.description.sample_period
         return not nominal / _NEW_RATE < period < nominal * _NEW_RATE

@@ -12,7 +12,7 @@ def change_remedy(change: MappingChange) -> str:
 
 
 def change_reason(change: MappingChange) -> str:
-    """Describe the probable mistake in the mapping and its evidence."""
+    """Return a clause on the probable mistake in the mapping and its evidence."""
     return (
         f"{change.quantity} has {change.entry} {_words(change.stated)}, but is probably "
         f"{_words(change.value)} ({', '.join(_facts(change.relations))})"

@@ -153,7 +153,7 @@ def _counts(values: NDArray[Any]) -> bool:
 
 
 def _disorder(columns: TableColumns, name: str) -> str:
-    """Explain why a column of times is not a clock."""
+    """Return a clause that states why a column of times is not a clock."""
     if name in columns.texts:
         cells = columns.texts[name]
         return f"its cells are not times: {next((cell for cell in cells if cell == cell), '')!r}"

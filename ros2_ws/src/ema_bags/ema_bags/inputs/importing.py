@@ -272,7 +272,11 @@ def import_series(
 
 
 def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: ColumnMapping) -> Rate:
-    """Return the rate at which values are updated, if each is published `times` times."""
+    """Return the rate at which values are updated, if each is published ``times`` times.
+
+    ``stamps_ns`` are the stamps of the updates, ``(n,)``. A rate in the mapping is the rate of
+    publication: it is divided by ``times``.
+    """
     rate = find_rate(stamps_ns)
     if not mapping.clock.rate_hz:
         return rate

@@ -145,7 +145,10 @@ class ImpossibleSamples:
     def _bridged(
         self, name: str, values: NDArray[np.float64], bad: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        """Interpolate bad samples linearly, in place; the last good value is held at the end."""
+        """Interpolate bad samples linearly in place, and return the column.
+
+        Bad samples at the end have the last good value.
+        """
         if not np.any(bad):
             return values
         kept = np.flatnonzero(~bad)

@@ -83,6 +83,6 @@ class InputBag(InputFile):
         )
 
     def contents(self) -> list[str]:
-        """Describe the topics, one line each."""
+        """Return a line with name, number of messages and type of each of the first 40 topics."""
         topics = list(self._bag.topics.items())[:MOST_LISTED]
         return [f"topic {name}: {topic.count} of {topic.type_name}" for name, topic in topics]

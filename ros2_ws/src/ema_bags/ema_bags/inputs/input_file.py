@@ -54,7 +54,7 @@ class InputFile(ABC):
 
     @abstractmethod
     def contents(self) -> list[str]:
-        """Describe the content of the file, one line per column or topic."""
+        """Return lines on the content of the file, one for each of the first columns or topics."""
 
     @property
     @abstractmethod

@@ -86,7 +86,7 @@ class InputTable(InputFile):
         return [(guess, self.series(guess.mapping)) for guess in guesses]
 
     def contents(self) -> list[str]:
-        """Describe the columns, one line each."""
+        """Return a line with name, unit and range of each of the first 40 columns."""
         lines = []
         for name, values in list(self._columns.values.items())[:MOST_LISTED]:
             finite = values[np.isfinite(values)]

@@ -260,7 +260,10 @@ class JointColumns:
         return collected
 
     def problem(self) -> str:
-        """Return a text that states since when the messages lack the joint, or ""."""
+        """Return a text that states since when the messages lack the joint.
+
+        It is "" if they have the joint, or have lacked it for less than 1 s.
+        """
         if self._missing_ns is None:
             return ""
         if not self._is_received:
