@@ -732,7 +732,7 @@ class OtherMotion(Reason, code="other_motion"):
     """No labelled state is named: no healthy window has the motion of the window."""
 
     travel: float
-    """Travel of the command [rad]."""
+    """Travel of the command, from end to end [rad]."""
     speed: float
     """99 % quantile of the commanded speed [rad/s]."""
     sample_period: float

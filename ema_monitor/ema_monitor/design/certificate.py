@@ -97,7 +97,7 @@ class Certificate:
     actuator_id: str
     serial_number: str
     travel: float
-    """Travel of the command [rad]."""
+    """Travel of the command, from end to end [rad]."""
     duration: float
     """Duration of the command [s]."""
     sample_period: float

@@ -39,7 +39,7 @@ class Standstill:
     cause: StandstillCause
     """Cause of the standstill."""
     travel: float
-    """Travel of the command [rad]."""
+    """Travel of the command, from end to end [rad]."""
     least_travel: float
     """Minimum command travel at which a standstill counts as a failure [rad]."""
     effort: float

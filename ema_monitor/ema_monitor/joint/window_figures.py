@@ -56,7 +56,7 @@ class Motion:
     sample_period: float
     """Period of the samples [s]."""
     travel: float
-    """Travel of the command at the user shaft [rad]."""
+    """Travel of the command at the user shaft, from end to end [rad]."""
     speed: float
     """99 % quantile of the commanded speed [rad/s]."""
 

@@ -127,8 +127,8 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     parameters
         Nominal parameters. Priors of loads and offsets are proportional to the actuator's limits.
     travel
-        Travel of the command [rad], to which the prior of the load stiffness is inversely
-        proportional.
+        Travel of the command, from end to end [rad], to which the prior of the load stiffness is
+        inversely proportional.
 
     Notes
     -----
@@ -174,7 +174,7 @@ def unit_priors(
     parameters
         Nominal parameters of the actuator.
     travel
-        Travel of the command [rad].
+        Travel of the command, from end to end [rad].
     form
         Form of the model. Only the fast form has idle phases, whose ripple is the lift.
 
