@@ -186,7 +186,8 @@ def approach_travel(parameters: ActuatorParameters) -> float:
 def approach_depth(parameters: ActuatorParameters) -> float:
     """Return the distance of the approach from below to the start of a cycle [rad].
 
-    It is 2 mrad, or more if the play of the actuator requires it.
+    It is 2 mrad, or more if the play of the actuator requires it: then 1.2 times `approach_travel`,
+    at most half the angle of the end stop.
     """
     return max(APPROACH_DEPTH, min(1.2 * approach_travel(parameters), parameters.theta_stop / 2.0))
 

@@ -80,6 +80,10 @@ class ActuatorBench:
 
     Parameters
     ----------
+    description
+        The actuator.
+    settings
+        Settings of the bench; None for the default settings.
     parameters
         True parameters of the plant; None for the parameters of the description.
     resolutions

@@ -95,6 +95,8 @@ def grow(
         Service hours from the setting of the growths to the step [h]; ``onset`` counts from there.
     hours_step
         Further service hours [h].
+    rng
+        Random generator for the process noise.
 
     Returns
     -------

@@ -103,8 +103,12 @@ def run_to_failure(
     ----------
     limits
         Distance from healthy at which life ends, keyed by component [-].
+    rng
+        Random generator.
     kind
         Dominant fault, a key of ``typical``; None to draw it.
+    settings
+        Settings of the life; None for the default settings.
     with_repair
         Whether the dominant fault is reset to healthy once, after 20 to 50 % of the largest number
         of tests.
@@ -138,6 +142,10 @@ def constant_life(
     ----------
     limits
         Distance from healthy at which life ends, keyed by component [-].
+    rng
+        Random generator.
+    settings
+        Settings of the life; None for the default settings.
 
     Raises
     ------

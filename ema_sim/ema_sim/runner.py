@@ -161,6 +161,8 @@ class BenchRunner(Generic[AnyCycle, AnyBlock]):
 
     Parameters
     ----------
+    bench
+        The simulation.
     rate
         Ratio of simulated to wall time [-].
     on_cycle

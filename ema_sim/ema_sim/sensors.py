@@ -22,6 +22,8 @@ class Sensors:
         Standard deviation of Gaussian noise on each sample of the current [A].
     resolutions
         Resolution, keyed by column: rad for command and position, A for current, rad/s for speed.
+    rng
+        Random generator for the noise.
 
     Raises
     ------

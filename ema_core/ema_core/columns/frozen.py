@@ -20,6 +20,8 @@ def frozen_column(column: str, values: Array, moving: Iterable[str]) -> FrozenCo
 
     Parameters
     ----------
+    column, values
+        Name of the column, and its values, ``(n,)``.
     moving
         Names of the columns that show motion; the error states the first other column.
     """

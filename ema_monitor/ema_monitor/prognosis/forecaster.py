@@ -303,7 +303,7 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
 def removal_of(
     life: RemainingLife, lifetimes: Array, risk: float, hours_per_cycle: float, hours_a_day: float
 ) -> Removal:
-    """Return the removal deadline of a unit.
+    """Return the removal deadline of a unit; its hours are NaN if the remaining life is unknown.
 
     Parameters
     ----------

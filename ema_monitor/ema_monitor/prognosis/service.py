@@ -71,7 +71,8 @@ class CountLog:
     def add(self, unit: UnitKey, count: Count) -> None:
         """Add a count of a unit, whose serial number is empty while it is unknown.
 
-        A count replaces an earlier count with the same stamp.
+        Within a second, the count with the earliest stamp is kept. If stamps are equal, the new
+        count replaces the earlier one.
         """
         with self._lock:
             counts = self._counts[unit] = self._counts.pop(unit, {})

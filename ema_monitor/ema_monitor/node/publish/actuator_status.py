@@ -172,7 +172,7 @@ class ActuatorStatus:
     def record(self, diagnosed: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
         """Record an estimate and publish its outlook, unless the outlook is None.
 
-        Returns a description of the level change, or "" if the level is unchanged.
+        Returns a description of the level change, or "" if the level is unchanged or not published.
         """
         estimate = diagnosed.estimate
         if estimate.valid:

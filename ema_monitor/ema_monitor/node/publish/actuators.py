@@ -39,12 +39,16 @@ class Actuators(dict[str, ActuatorStatus]):
         Namespace of the telemetry.
     read_clock
         Returns the time and the backward clock step since the previous call [ns].
+    operation
+        Limits and timeouts.
     why_not
         Returns why an actuator is not monitored; empty if it may be monitored.
     rewind
         Discards tests later than a time [ns] to which simulated time has stepped back.
     mark_clock_step
         Marks all tests so far as measured before a step of the clock.
+    log
+        Log of the node.
 
     Attributes
     ----------

@@ -37,6 +37,12 @@ class Baselines:
     ----------
     folder
         Folder of the baselines; None if no baselines are learned.
+    operation
+        Limits, timeouts and conditions of automatic acceptance.
+    store
+        Calibrations in use, to which accepted baselines are added.
+    actuators, outputs
+        Status of the actuators, and publishers of the progress.
     alarm
         Returns the cause of a unit's WARN or ERROR; empty at other levels.
     announce

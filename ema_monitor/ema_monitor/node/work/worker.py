@@ -38,6 +38,18 @@ class IdentificationWorker:
 
     Parameters
     ----------
+    results
+        Publishes estimates.
+    histories
+        Earlier estimates, from which the first search of a unit starts.
+    actuators
+        Status of the actuators.
+    baselines
+        Baselines that learn from records.
+    settings, store
+        Settings of the node, and calibrations in use.
+    log
+        Log of the node.
     is_simulated
         Whether time is simulated: any number of windows may then be queued.
 
