@@ -131,7 +131,7 @@ def scattered(calibration):
 
 
 def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
-    """Return the residuals of the current and of the speed in a window, ``(N,)`` each.
+    """Return the band-limited residuals of the current and of the speed in a window, ``(m,)`` each.
 
     ``speed`` is the measured speed. The model deviates from the measurement by ``current_error``
     and ``speed_error``.

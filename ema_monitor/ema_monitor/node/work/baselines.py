@@ -47,6 +47,8 @@ class Baselines:
         Returns the cause of a unit's WARN or ERROR; empty at other levels.
     announce
         Called with a unit, the change of its baseline, and whether a person forced it.
+    log
+        Log of the node.
     """
 
     def __init__(
