@@ -183,7 +183,7 @@ def step(fault: int, size: float, count: int) -> list[Case]:
 
 
 def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
-    """Return plants that deviate from nominal; the faulty cases are dealt among them in turn."""
+    """Return plants that deviate from nominal; the faulty cases are assigned to them in turn."""
     result = []
     for number in range(count):
         parameters = _off_nominal(np.random.default_rng(_seed("plant", number)))

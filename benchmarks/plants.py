@@ -308,7 +308,7 @@ MAY_BE_SILENT: Final = frozenset({"none", "resistance + 30 %", "supply - 20 %"})
 
 
 def hidden(kind: Kind, plants: int, name: str, count: int) -> list[Task]:
-    """Return healthy tasks with the hidden causes of a row of ``HIDDEN``, dealt among units."""
+    """Return healthy tasks with the hidden causes of a row of ``HIDDEN``, units in turn."""
     stream = 100 + list(HIDDEN).index(name)
     return [
         Task(unit, _seed(stream, unit, i, 0), causes=HIDDEN[name])

@@ -134,8 +134,8 @@ def leg_voltage(v, half, i, dead, width, stays_open):
     """Return the output voltage of a leg switched to ``v`` (+1, -1), against mid-supply [V].
 
     ``half`` is half of the supply [V]. During dead time (``dead`` > 0), or if the upper switch
-    stays open, the sign of the current ``i`` [A] determines the voltage; below ``width`` [A] it is
-    proportional to the current.
+    ``stays_open`` although ``v`` is +1, the voltage opposes the current ``i`` [A]; below ``width``
+    [A] it is proportional to the current.
     """
     if dead > 0 or (stays_open and v > 0.0):
         # Both switches are open: the current flows through a diode, which opposes it.

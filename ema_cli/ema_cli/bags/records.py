@@ -125,7 +125,7 @@ def read_record(
 def differs_slightly(sample_period: float, expected: float) -> bool:
     """Return whether a sample period differs from ``expected``, but by less than 10 %.
 
-    The periods of two loggers may differ so much.
+    Two loggers may have such different periods.
     """
     return sample_period != expected and abs(sample_period / expected - 1.0) < _SIMILAR_RATE
 

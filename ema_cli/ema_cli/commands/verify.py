@@ -314,6 +314,8 @@ def _of_any_start(
 ) -> Verified:
     """Compare an estimate with the results of monitors that started at different times.
 
+    Return the result of the best agreement.
+
     A monitor that started during a motion does not know the motor's initial position in the play. A
     monitor that was killed may have published a test that is missing from its history; its next
     search then started from the state ``without_last``.

@@ -48,7 +48,10 @@ class PlayerOutputs:
         self.publishers[item.topic].publish(item.message)
 
     def publish_latched(self, items: Iterable[Recorded]) -> None:
-        """Publish latched messages, each after the previous one on its topic is acknowledged."""
+        """Publish latched messages, each after the previous one on its topic is acknowledged.
+
+        The wait for an acknowledgement is at most 0.2 s.
+        """
         for item in items:
             self.publishers[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
             self.publish(item)

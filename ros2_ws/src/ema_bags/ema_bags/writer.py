@@ -248,9 +248,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             self._report_gap(gap)
 
     def begin_next_file(self, log_time_ns: int) -> None:
-        """Begin the next file, unless the current file is empty.
+        """Begin the next file; an empty current file is used as the next file.
 
-        The next file begins with the latest states, at a log time [ns].
+        The file begins with the latest states, at a log time [ns].
 
         Raises
         ------

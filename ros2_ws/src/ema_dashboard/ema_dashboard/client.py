@@ -91,7 +91,10 @@ class Client:
                 await asyncio.wait_for(self._socket.close(code=code, message=reason), 1.0)
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
-        """Queue a frame; droppable frames may be dropped in favour of later frames."""
+        """Queue a frame; droppable frames may be dropped in favour of later frames.
+
+        If the queue exceeds its limit without droppable frames, the connection is closed.
+        """
         if droppable and len(frame) > self._most_bytes:
             self.dropped += 1
             return

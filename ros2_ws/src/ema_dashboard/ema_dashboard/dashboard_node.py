@@ -160,7 +160,10 @@ class DashboardNode(ManagedNode):
         return [Task("dashboard", level, message, self.hardware_id, values)]
 
     def _discover(self) -> None:
-        """Offer topics that have a publisher, and subscribe to topics shown by a client."""
+        """Offer topics that have a publisher, and subscribe to topics that are needed.
+
+        A topic is needed if it is always followed or a client shows it; other subscriptions end.
+        """
         for name, topic in self._topics.items():
             if name not in self._hub:
                 if topic.request is not None and not self.count_publishers(name):

@@ -79,9 +79,7 @@ class PlaybackControl:
     def ask(self, data: bytes) -> None:
         """Queue a playback request of a client, encoded by Foxglove's protocol.
 
-        Call it only in the hub's event loop. If too many requests wait, the oldest is dropped.
-
-        If eight requests are waiting, the oldest one is dropped.
+        Call it only in the hub's event loop. If eight requests wait, the oldest is dropped.
 
         Raises
         ------

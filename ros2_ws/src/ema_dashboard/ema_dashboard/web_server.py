@@ -162,7 +162,11 @@ class WebServer:
         await self._loop.shutdown_default_executor()
 
     def _protocol(self) -> asyncio.Protocol:
-        """Return the protocol for a new connection, which must send a request in time."""
+        """Return the protocol for a new connection, which must send a request in time.
+
+        At the limit of connections, the oldest connection without a request is closed. If there is
+        none, the new connection is refused.
+        """
         protocol = self._http()
         if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
             self._hub.totals.refused += 1

@@ -48,9 +48,10 @@ _LITTLE_EXPLAINED: Final = 0.5
 
 
 def judged_lines(joint: JointExamination) -> list[str]:
-    """Return one line with the quantities that can be judged, and lines with the conditions.
+    """Return a line with the quantities that can be judged, and lines on the other quantities.
 
-    Quantities that lack the same conditions share a line.
+    Each of the latter lines states the conditions that the recording does not meet. Quantities
+    that lack the same conditions share a line.
     """
     able = [ABILITY_NAMES[item.ability] for item in joint.abilities if not item.needs]
     lines = [f"can be judged: {', '.join(able) or 'nothing'}"]

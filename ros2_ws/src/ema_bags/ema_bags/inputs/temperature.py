@@ -93,6 +93,7 @@ def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
 
     ``first_ns`` is the stamp of the first sample of the telemetry [ns]. The copy is added only if
     that sample precedes the first rise by at most 10 s.
+
     A sensor that is read every few seconds may have no value at the start of the telemetry.
     """
     if not rises or not 0 < rises[0].stamp_ns - first_ns <= _HOLDS_BEFORE_NS:
