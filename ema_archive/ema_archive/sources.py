@@ -44,7 +44,7 @@ class Listed:
 
 
 def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
-    """Yield a list of the bags in each folder of a source, sorted by address.
+    """Yield the bags of each folder that directly contains bags, sorted by address.
 
     Parameters
     ----------

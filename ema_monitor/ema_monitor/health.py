@@ -476,7 +476,11 @@ def _level_alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
 def _recurring(
     item: FaultHealth, alone: int, recurrence: Recurrence | None, limits: HealthLimits
 ) -> FaultHealth:
-    """Return the health of a fault, raised to a warning or failure if it is intermittent."""
+    """Return the health of a fault, raised to a warning or failure if it is intermittent.
+
+    An intermittent fault has a ``recurrence``. It has failed if its level, or the level ``alone``
+    of the newest estimate, is ERROR.
+    """
     if recurrence is None:
         return item
     level = ERROR if ERROR in (item.level, alone) else WARN

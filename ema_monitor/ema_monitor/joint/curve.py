@@ -92,7 +92,8 @@ def _band(comparer: Comparer, record: JointRecord, speed: float) -> tuple[float,
 def _means(places: Array, speed: Array, friction: Array) -> Array:
     """Return the mean friction of the rows nearest to each speed in ``places`` [A].
 
-    The mean of fewer than three rows is NaN.
+    Rows that are slower or faster than all ``places`` by more than half of the last step are
+    ignored. The mean of fewer than three rows is NaN.
     """
     edges = 0.5 * (places[1:] + places[:-1])
     half_width = 0.5 * (places[-1] - places[-2])

@@ -93,7 +93,10 @@ class ReceiverClock:
         return moment, back_ns if back_ns >= _LEAST_STEP_NS else 0
 
     def _read_kept(self) -> int | None:
-        """Return the clock offset from an earlier run [ns]; None if there is none."""
+        """Return the clock offset from an earlier run since the machine started [ns], or None.
+
+        ``passed_ns`` is restored as well.
+        """
         if self._kept is None or not self._boot_id:
             return None
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):

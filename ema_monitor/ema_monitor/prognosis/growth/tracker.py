@@ -224,7 +224,10 @@ class Tracker(Kept):
         return grown_faults(self._mixture.bank.cells, self._mixture.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
-        """Return the tracked estimate of each component."""
+        """Return the tracked estimate of each component.
+
+        Its figures are NaN before its first test.
+        """
         (mean, variance), trend = self._mixture.moments(), self._mixture.trend()
         value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
         figures = np.array([value, np.sqrt(variance), trend])

@@ -152,7 +152,7 @@ class Metrics(Collector):
                     actuator.computing_s += taken_s
 
     def note_node(self, namespace: str, status: NodeStatus) -> None:
-        """Update the metrics of a node with its status."""
+        """Update the metrics of a node, and of its actuators, with its status."""
         with self._lock:
             node = _latest(self._nodes, status.node, _Node)
             node.received_s = time.time()

@@ -74,7 +74,7 @@ class BridgeNode(ManagedNode):
         return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
-        """Read the mapping and the actuator descriptions."""
+        """Read the mapping and the actuator descriptions, and create the publishers."""
         self._settings = settings = read(self, BridgeSettings)
         self._mapping = load_mapping(Path(settings.mapping_file)) if settings.mapping_file else None
         self._descriptions: list[ActuatorDescription] = []

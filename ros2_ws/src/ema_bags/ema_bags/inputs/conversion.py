@@ -200,7 +200,10 @@ def decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
 
 
 def _direction(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
-    """Return the direction of motion, 1 or -1; samples at rest take it from the nearest motion."""
+    """Return the direction of motion, ``(n,)``: 1 or -1.
+
+    Samples at rest take it from the nearest motion. It is 1 if nothing moves.
+    """
     if len(motion) < 2:
         return np.where(motion < 0.0, -1.0, 1.0) if is_speed else np.ones(len(motion))
     speed = motion if is_speed else np.gradient(motion)
