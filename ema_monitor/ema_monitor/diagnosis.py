@@ -145,7 +145,10 @@ class Identification:
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
-        """Yield the state after each generation; nothing for a refused window."""
+        """Yield the state after each generation, then set ``estimate``.
+
+        For a refused window, and for an unknown drive, nothing is yielded.
+        """
         self.estimate = yield from self._run
 
 
@@ -429,7 +432,8 @@ def diagnose(
 ) -> Iterator[Generation | Diagnosed]:
     """Yield the generations and estimates of one actuator's windows, with the same settings.
 
-    The arguments are described in `Diagnosis.add`.
+    The arguments are described in `Diagnosis.add`. If ``search`` is None, the default settings are
+    used.
     """
     diagnosis = Diagnosis()
     for segment in windows:

@@ -291,8 +291,8 @@ def _torque_by_causes(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to torque per ampere, reduced by a weaker motor or magnets.
 
-    The result is empty if the torque per ampere is unknown or has not fallen.
-    A window may not separate lost turns in all phases from lost turns in a single phase.
+    The result is empty if the torque per ampere is unknown or has not fallen. Lost turns in all
+    phases count here as well, if the window cannot separate them from a weaker motor.
     """
     cause = torque_change(estimate)
     if cause is None or cause.value >= 0.0:
@@ -398,7 +398,8 @@ def _torque_per_ampere(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to the torque per ampere of an unknown drive.
 
-    The result is empty if its change is unknown.
+    The result is empty if the change of the torque per ampere is unknown.
+
     Turns may be lost in all phases, not only in a single phase. Hot magnets are weaker, which is
     not a fault: unless their effect was measured, it is part of sigma.
     """

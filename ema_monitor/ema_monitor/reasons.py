@@ -354,7 +354,7 @@ class NotMeasured(Reason, code="not_measured"):
 
 @dataclass(frozen=True)
 class FitnessNeedsCurrent(Reason, code="fitness_needs_current"):
-    """``fitness`` compares currents, but no current is measured; ``usable`` is possible."""
+    """``fitness`` compares currents, but no current is measured; ``usable`` can be used instead."""
 
     fitness: str
     usable: str
@@ -462,7 +462,7 @@ class OtherUnit(Reason, code="other_unit"):
 
 @dataclass(frozen=True)
 class OtherSamples(Reason, code="other_samples"):
-    """The sample period [s] differs from the period of the calibration, which is of ``unit``."""
+    """The sample period [s] differs from the period in the calibration of ``unit``."""
 
     period: float
     calibrated: float
@@ -545,9 +545,10 @@ def mistake_of(row: MistakeRow) -> Mistake:
 
 @dataclass(frozen=True)
 class WrongScale(Reason, code="wrong_scale"):
-    """Columns differ by a constant factor [-] from the values that ``reference`` expects.
+    """Columns differ by a constant factor [-] from their expected values.
 
-    ``mistakes`` lists common mistakes that together explain the factor; empty if none do.
+    ``reference`` names the source of the expected values. ``mistakes`` lists common mistakes that
+    together explain the factor; it is empty if none do.
     """
 
     columns: tuple[str, ...]

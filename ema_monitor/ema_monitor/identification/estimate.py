@@ -200,7 +200,10 @@ class Estimate(Displayed):
 
     @property
     def brief(self) -> str:
-        """Short string with the verdict and the faults that differ from healthy."""
+        """Short string with the verdict, and with the faults that differ from healthy.
+
+        For a compared record it contains the findings instead, for a refusal the reason.
+        """
         if self.comparison is not None:
             return f"{self.verdict}, {finding(self.comparison)}"
         if not self.valid:

@@ -312,7 +312,8 @@ class Explainer:
 
         In each point, a cause that is not part of the explanation has a trial value, and all other
         components are as in the explanation or healthy. Only the best point of each cause is
-        returned, and at most ``_MOST_SEEDS`` points.
+        returned, and at most ``_MOST_SEEDS`` points. The list is empty if the budget permits no
+        further fit.
         """
         if not self._can_afford_more:
             return []

@@ -170,7 +170,7 @@ def identify_record(
 def record_curve(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> FrictionCurve | None:
-    """Return the friction of a record as a function of speed, or None if it is not comparable."""
+    """Return the friction of a record as a function of speed; None if it cannot be compared."""
     if _unusable(window, calibration) is not None:
         return None
     window, _ = _without_spikes(window, calibration)

@@ -11,7 +11,7 @@ from ema_core.arrays import Array
 def pseudo_huber(distance: Array, scale: float) -> Array:
     """Return residuals whose squares are the pseudo-Huber loss of distances.
 
-    The loss is quadratic below ``scale`` and linear beyond it.
+    The loss is nearly quadratic far below ``scale``, and nearly linear far beyond it.
     """
     ratio = np.square(distance / scale)
     # 2 (sqrt(1 + x) - 1) without the cancellation at small x.

@@ -33,7 +33,7 @@ def outliers(baseline: Baseline) -> list[Outlier]:
 
     Each record is compared with all other records. An outlier is removed before the next
     comparison: otherwise healthy records of the same day would differ as well. Records with the
-    same fault mask each other.
+    same fault mask each other. For fewer than ``FEWEST`` records, the list is empty.
     """
     outliers: list[Outlier] = []
     rest, numbers = list(baseline.records), list(range(len(baseline.records)))

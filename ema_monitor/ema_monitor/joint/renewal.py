@@ -27,7 +27,10 @@ def renewed(telemetry: Telemetry) -> Telemetry:
 
 
 def samples_per_update(telemetry: Telemetry) -> float:
-    """Return the mean number of samples per update of the position during motion."""
+    """Return the mean number of samples per update of the position during motion.
+
+    Without repeated values, it is 1.
+    """
     held = held_column("position", telemetry.position)
     return held.mean if held else 1.0
 

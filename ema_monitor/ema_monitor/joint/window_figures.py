@@ -109,6 +109,9 @@ def figures_of_row(
 ) -> WindowFigures:
     """Return window figures from a row that ``row_of`` returned; None is read as NaN.
 
+    ``names`` are the names of the figures in the row, in their order. Figures that are NaN are
+    omitted.
+
     Raises
     ------
     ValueError

@@ -119,6 +119,8 @@ class WindowFinder:
     def oldest_index(self, block: Telemetry) -> int:
         """Return the running index of the earliest sample of a window that ``block`` may complete.
 
+        For records, it is the earliest sample in memory.
+
         Parameters
         ----------
         block
@@ -140,7 +142,10 @@ class WindowFinder:
 
     @property
     def shortfall(self) -> str:
-        """Reason why the longest skipped motion is not a record; empty if none was skipped."""
+        """Reason why the longest skipped motion is not a record.
+
+        The string is empty if no motion was skipped, or if the windows are not records.
+        """
         return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
 
     @property
@@ -178,9 +183,10 @@ class WindowFinder:
 
     @property
     def obstacle(self) -> str:
-        """Why there has been no window since the settings were applied; "" if there is no cause.
+        """Cause why there has been no window since the settings were applied.
 
-        The cause is a setting with its value, or a lack of telemetry or motion.
+        The cause is a setting with its value, or a lack of telemetry or motion. The string is empty
+        if there was a window, or if no cause is known.
         """
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
