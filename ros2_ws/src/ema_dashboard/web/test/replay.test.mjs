@@ -58,6 +58,9 @@ test("a replayed bag drives the page as live messages do", async () => {
     const address = /http:\S+/.exec(line)[0];
     await page.goto(address);
     await page.waitForSelector("text=/No (test|actuator) yet/");
+    // Slow machines may start the monitor later than the dashboard; the player would not wait for it.
+    await until("an active monitor",
+      () => nodes.lines.some((line) => /ema\.monitor\]: active/.test(line)), 60_000);
     player = run("play", BAG, "--only-actuator", "--stay");
     await page.waitForSelector("tr[data-actuator='/ema/flap'] .badge.warn", { timeout: 60_000 });
     await page.waitForSelector(".playback >> text=faulty_flap");
