@@ -111,7 +111,10 @@ class Listener:
 
 
 def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
-    """Raise ValueError if a node with one of the full names is running. The check takes 2 s."""
+    """Raise ValueError if a node with one of the full names is running.
+
+    If there is none, the check takes 2 s, or until a stop is requested.
+    """
     wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
     with Listener(enclave, {}, lambda *_: None) as listener:
         deadline = time.monotonic() + _DISCOVERY_S

@@ -44,7 +44,7 @@ class InputFile(ABC):
 
     @abstractmethod
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the parts of a table in which the given columns are constant, with their values.
+        """Yield the values of the given columns, and the rows, of each part with constant values.
 
         Raises
         ------

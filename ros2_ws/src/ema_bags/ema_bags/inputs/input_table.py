@@ -64,10 +64,7 @@ class InputTable(InputFile):
         return {"": table_series(self._columns, mapping)}
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the parts of the table in which the given columns are constant, with their values.
-
-        The values come first in each pair.
-        """
+        """Yield the values of the given columns, and the rows, of each part with constant values."""
         for values, rows in self._columns.parts(columns):
             part = copy(self)
             part._columns = rows

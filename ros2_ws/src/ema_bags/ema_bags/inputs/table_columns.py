@@ -167,7 +167,7 @@ class TableColumns:
         return f": row {filled[0] + 1}: {self.texts[name][filled[0]]!r}" if len(filled) else ""
 
     def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the parts of the table in which the given columns are constant, with their values.
+        """Yield the values of the given columns, and the rows, of each part with constant values.
 
         Raises
         ------
