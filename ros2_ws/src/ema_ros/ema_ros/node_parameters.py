@@ -60,6 +60,8 @@ def declare(node: Node, definition: Any, prefix: str = "", *, is_fixed: bool = F
     """
     _declare(node, definition, prefix, "" if is_fixed else AT_CONFIGURE)
     if not is_fixed:
+        names = (item.name for item in parameters_of(definition, prefix))
+        _AT_CONFIGURE.setdefault(node, []).extend(names)
         kind = definition if isinstance(definition, type) else type(definition)
         _Changes(node, kind, prefix, partial(_refuse_while_active, node, kind, prefix))
 
@@ -82,13 +84,7 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
 
 def values_at_configure(node: Node) -> dict[str, str]:
     """Return the values of the parameters that ``configure`` reads, as texts keyed by name."""
-    names = node.list_parameters([], 0).names
-    descriptors, parameters = node.describe_parameters(names), node.get_parameters(names)
-    return {
-        parameter.name: repr(parameter.value)
-        for descriptor, parameter in zip(descriptors, parameters, strict=True)
-        if AT_CONFIGURE in descriptor.additional_constraints
-    }
+    return {name: repr(node.get_parameter(name).value) for name in _AT_CONFIGURE.get(node, ())}
 
 
 class _Changes(Generic[Definition]):
@@ -132,6 +128,7 @@ class _Changes(Generic[Definition]):
 
 
 _CHANGEABLE: Final[WeakKeyDictionary[Node, dict[str, SettingsParameter]]] = WeakKeyDictionary()
+_AT_CONFIGURE: Final[WeakKeyDictionary[Node, list[str]]] = WeakKeyDictionary()
 
 
 class LiveSettings(Generic[Definition]):
