@@ -385,7 +385,11 @@ class UnitBaseline:
             pending.unlink(missing_ok=True)
 
     def _loaded(self) -> JointCalibration | None:
-        """Return the accepted calibration; None while learning, or with ``damage`` set."""
+        """Return the accepted calibration; None while learning, or with ``damage`` set.
+
+        If the file is damaged or missing, the calibration is fitted again from its records, without
+        labels. If this is impossible, ``damage`` is set.
+        """
         path = self._folder / CALIBRATION_FILE
         latest = self.changes[-1] if self.changes else None
         try:

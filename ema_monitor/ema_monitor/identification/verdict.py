@@ -49,7 +49,8 @@ class Misfit(NamedTuple):
         """Unexplained share of the departure from healthy [-].
 
         Square root of the ratio of the residual powers, in excess of a healthy window, at the
-        estimate and at the healthy point. NaN if `goodness` is NaN.
+        estimate and at the healthy point. NaN if `goodness` is NaN. Without an excess at the
+        healthy point, 1 if there is an excess at the estimate, else 0.
         """
         if math.isnan(self.goodness):
             return math.nan

@@ -138,8 +138,8 @@ def _figures(
 def _log_ripple(values: Array, position: Array, order: int) -> float:
     """Return the logarithm of the amplitude of a ripple with ``order`` periods per turn.
 
-    The trend over the travel is removed first. The amplitude is at least 1 % of the remaining
-    scatter.
+    The trend over the travel is removed first. 1 % of the remaining scatter is added to the
+    amplitude, so that the logarithm is finite.
     """
     middle, half = np.mean(position), 0.5 * np.ptp(position)
     trend = np.polynomial.legendre.legvander((position - middle) / half, _DEGREE)

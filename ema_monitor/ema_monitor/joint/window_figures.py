@@ -107,7 +107,7 @@ def row_of(window: WindowFigures) -> list[float]:
 def figures_of_row(
     row: Sequence[float | None], names: Iterable[str] = WINDOW_FIGURES
 ) -> WindowFigures:
-    """Return window figures from a row that ``row_of`` returned; None is read as NaN.
+    """Return window figures from a row that ``row_of`` returned; figures that are None are omitted.
 
     ``names`` are the names of the figures in the row, in their order. Figures that are NaN are
     omitted.
