@@ -64,7 +64,7 @@ class InputTable(InputFile):
         return {"": table_series(self._columns, mapping)}
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the values of the given columns, and the rows, of each part with constant values."""
+        """Yield the given columns' values, and the rows, of each part with constant values."""
         for values, rows in self._columns.parts(columns):
             part = copy(self)
             part._columns = rows
