@@ -147,7 +147,7 @@ def thesis_faults(repetitions: int) -> dict[str, list[Case]]:
 
 
 def by_the_law(count: int) -> list[Case]:
-    """Return cases with faults drawn by the thesis's law: most components small, some large."""
+    """Return cases with faults from the thesis's distribution: most are small, some are large."""
     return _drawn("law", count, random_faults)
 
 

@@ -128,9 +128,10 @@ def _kept(tests: list[tuple[float, float, float]]) -> dict[str, float]:
 
 
 def foreign(work: tuple[int, Command, int]) -> list[dict[str, Any]]:
-    """Estimate random faults of one foreign plant under a command.
+    """Identify random faults of a foreign plant; ``work`` has its number, command and tests.
 
-    Return verdict, error [%], and the coverage and sigma of the judged components of each test.
+    Return for each test the verdict, the error [%] and, for each judged component, its sigma and
+    whether its interval covers the truth.
     """
     number, command, tests = work
     unit = Unit("foreign", number)

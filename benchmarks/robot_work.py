@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arms at work: the wear at which a joint is named, and false alarms on healthy days.
+"""Arms at work: the wear at which a worn joint is identified, and false alarms on healthy days.
 
     python benchmarks/robot_work.py [--seeds N] [--hours H] [--json FILE]
 
 Units of the simulated six-joint arm work in a pick-and-place cycle. Their telemetry is written to
-files. `ema attach` recognises the columns, learns the baselines and reports the levels. The files
-have the mass of the payload as a column `payload`, or do not have it.
+files. `ema attach` recognises the columns, learns the baselines and reports the levels. Each case
+runs twice: with the mass of the payload in a column `payload`, and without this column.
 
 - Wear: 24 healthy cycles are followed by cycles in which the friction of one joint rises by 3 %
   each. For each joint, the benchmark reports the true increase in the first record with a warning

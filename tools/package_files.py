@@ -79,7 +79,7 @@ def files() -> dict[Path, str]:
 
 
 def package_xml(text: str, owner: dict[str, Any]) -> str:
-    """Return the text of a ``package.xml`` with the maintainer, licence, address and author."""
+    """Return a ``package.xml`` with the maintainer, licence, URL and author of ``owner``."""
     [contact], [author] = owner["contact"], owner["authors"]
     lines = (
         f'<maintainer email="{contact["email"]}">{escape(contact["name"])}</maintainer>',
@@ -91,7 +91,7 @@ def package_xml(text: str, owner: dict[str, Any]) -> str:
 
 
 def setup_cfg(text: str, owner: dict[str, Any]) -> str:
-    """Return the text of a ``setup.cfg`` with the licence, maintainer, address and author."""
+    """Return a ``setup.cfg`` with the licence, maintainer, author and URL of ``owner``."""
     [contact], [author] = owner["contact"], owner["authors"]
     fields = {
         "license": owner["license"],

@@ -21,7 +21,7 @@ S = 10**9
     ("verdict", "level"), [(REFUSED, STALE), (DEPARTED, STALE), (SKIPPED, OK), ("again", OK)]
 )
 def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: str, level: int):
-    """The bag has the unused test after the healthy one, with an earlier timestamp."""
+    """The bag has the unused test after the healthy one, with an earlier stamp, or the same one."""
     good = made_test(0, friction=0.02)
     unused = replace(made_test(0, valid=False), verdict=REFUSED if verdict == "again" else verdict)
     back_ns = 0 if verdict == "again" else 600 * S

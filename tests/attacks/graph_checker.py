@@ -238,7 +238,7 @@ def _unanswered(actuator: _Actuator, lost: Lost) -> Iterator[str]:
 
 
 def _counted(actuator: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
-    """Compare the counted windows of a run with its answers, some time before its end."""
+    """Yield an error if more windows were counted than answered, up to ``ANSWER_S`` ago."""
     old = [item for item in run.counted() if run.last_ns - item.sent_ns > ANSWER_S * _NS]
     if len(old) < 2:
         return

@@ -49,7 +49,7 @@ def bags(record, faulty_blocks, tmp_path: Path) -> list[Path]:
 
 
 def added_bytes(blocks: list[Telemetry]) -> int:
-    """Return by how many bytes the telemetry of the long bag exceeds the short one."""
+    """Return how many more bytes of telemetry the long bag has than the short one."""
     samples = (LONG - SHORT) * sum(map(len, blocks))
     return samples * len(COLUMNS) * 8
 

@@ -121,7 +121,7 @@ def test_information_of_two_stretches_equals_that_of_a_joint_fit(objectives, sec
 
 
 def test_uncertain_deviations_of_the_unit_do_not_average_out(stretches):
-    """Repeating the same stretch lowers the noise, but the shift by the unit stays the same."""
+    """Repeating a stretch reduces the noise, but not the shift due to the unit's deviations."""
     calibration = Calibration.builtin().of_any_motion()
     stretch = stretches[0]
     causes = load_of(stretch)

@@ -214,7 +214,7 @@ def test_uncertainty_of_the_unit_widens_sigma(
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
-    """At the healthy point, the calibration measured the response to its command."""
+    """The calibration measured the healthy response to this command: no uncertainty remains."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)

@@ -13,10 +13,10 @@ _COUNTERPARTS: Final = {"position": "speed", "speed": "position"}
 
 
 def frozen_column(column: str, values: Array, moving: Iterable[str]) -> FrozenColumn | None:
-    """Return the error of a column, ``(n,)``, that is constant during motion, or None.
+    """Return the error of a column that is constant although other columns show motion, or None.
 
-    A blocked shaft shows neither a change of position nor a speed. Only the speed therefore shows
-    that a position is frozen, and vice versa.
+    If the shaft is blocked, position and speed are both rightly constant. A constant position is
+    therefore an error only if the speed shows motion, and vice versa.
 
     Parameters
     ----------

@@ -177,7 +177,10 @@ class _UnitProblem:
         return np.concatenate(columns)
 
     def lowest_of(self, at: Linearisation, active: Flags) -> Array:
-        """Return the minimum of a linear model over the active deviations within their bounds."""
+        """Return the point within the bounds that minimises the cost of linearised residuals.
+
+        Only the active deviations change.
+        """
         x = at.point.copy()
         quadratic = Quadratic.of(at.restricted(x, active))
         x[active] = quadratic.lowest_between(self.lowest[active], self.highest[active])

@@ -38,7 +38,7 @@ _TINY: Final = 1e-12
 
 
 class JudgedFigure(NamedTuple):
-    """A model-free figure of a test, and its prior scatter."""
+    """Kind, prior scatter and error of a model-free figure."""
 
     between_days: float
     """Prior median of the standard deviation between days [-]; for a level, relative to the largest

@@ -91,8 +91,9 @@ def advance(
 ):
     """Return the state after one step of ``dt`` [s] under a ``command`` [rad].
 
-    ``stage`` is the commutation stage at the motor angle: the driven pair, or its position in the
-    cycle. ``opposing`` is the load torque against positive motion and ``friction`` the dry friction
+    ``stage`` depends on the drive: the constants of the driven pair (`FastDrive`), the position of
+    the motor angle in the cycle of pairs, 0 to 1 (`SourceDrive`), or 0 (`FieldOrientedDrive`).
+    ``opposing`` is the load torque against positive motion and ``friction`` the dry friction
     in motion [N.m]. ``speed_loop`` is None for a proportional speed loop, which has no state.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)

@@ -164,7 +164,8 @@ class BagWindows:
 class WindowsOnDemand(Sequence[Window]):
     """Usable windows that are read from their recording when they are accessed.
 
-    The latest 64 windows remain in memory, or fewer if they have more than 2 million samples.
+    The 64 most recently accessed windows remain in memory. If the windows are long, fewer do: as
+    many as fit into 2 million samples, but at least one.
 
     Parameters
     ----------

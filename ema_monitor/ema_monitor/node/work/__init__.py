@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Working part of a monitor: estimates, prognoses and service calls in separate threads."""
+"""Background threads of a monitor: estimates, prognoses and service calls."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Working part of a monitor: threads for identification, follow-ups and calls."""
+"""Start and stop of the background threads of a monitor."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

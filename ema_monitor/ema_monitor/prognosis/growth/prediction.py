@@ -209,9 +209,11 @@ def _criterion(name: str, limit: float) -> str:
 
 
 def growth_not_certain(constant: float, tests: int) -> str:
-    """Return why a fault is not considered growing, and about how many tests are still needed.
+    """Return why a fault is not considered to be growing.
 
-    The estimate is conservative: evidence accumulates faster the longer growth lasts.
+    If growth is more likely than not, the reason also gives the approximate number of further tests
+    that are needed, unless it is very large. This number is conservative: evidence accumulates
+    faster the longer growth lasts.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ class BagFile:
         )
 
     def write(self, topic: WrittenTopic, data: bytes, log_time_ns: int, sent_ns: int) -> None:
-        """Add the next message of a topic; ``flush`` writes it to the disk."""
+        """Add the next message of a topic, which is buffered until ``flush``."""
         channel, number = self._channels[topic.name], topic.count % 2**32
         self._mcap.add_message(channel, log_time_ns, data, sent_ns, number)
         self.information.add(log_time_ns)

@@ -50,7 +50,7 @@ class SequenceGaps:
         self._unconfirmed = 0
 
     def pause(self) -> None:
-        """Ignore the gap after a pause, whose messages are not recorded."""
+        """Begin a pause: messages missed during it do not count as lost."""
         self._last, self._unconfirmed = None, 0
 
 
@@ -93,7 +93,7 @@ class SampleGaps:
             runs.ignore()
 
     def pause(self) -> None:
-        """Ignore the gap after a pause, whose blocks are not recorded."""
+        """Begin a pause: blocks missed during it do not count as missing."""
         for runs in self._runs.values():
             runs.pause()
 
@@ -172,7 +172,7 @@ class RecordedTopic:
                 self._samples.ignore()
 
     def pause(self) -> None:
-        """Ignore the gap after a pause, whose messages are not recorded."""
+        """Begin a pause: messages missed during it do not count as lost."""
         with self._lock:
             self._gaps.pause()
             if self._samples:

@@ -33,7 +33,7 @@ class KeptMessage(NamedTuple):
 
 @dataclass
 class Totals:
-    """Totals over all clients since the start of the dashboard."""
+    """Counts over all clients: current clients and waiting bytes; other counts since the start."""
 
     clients: int = 0
     """Number of connected clients."""

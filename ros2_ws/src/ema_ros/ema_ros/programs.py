@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of nodes and ``ema``, with quiet interruption during imports."""
+"""Entry points of the nodes and of ``ema``; Ctrl-C during imports prints no traceback."""
 
 from ema_core.start import program
 

@@ -310,7 +310,11 @@ def _is_payload(name: str, values: NDArray[np.float64]) -> bool:
 def _with_joint_side(
     joint: JointColumns, second: str, alternatives: tuple[JointColumns, ...]
 ) -> _Recognised:
-    """Return the columns with the position at the joint, if the identified one is at the motor."""
+    """Return the recognised columns with the position of the joint rather than of the motor.
+
+    The position is swapped with the column ``second`` if, by their names, the position is at the
+    motor and ``second`` at the joint.
+    """
     position = joint.columns["position"]
     if not (words_of(position.name) & _MOTOR_SIDE and words_of(second) & _JOINT_SIDE):
         return _Recognised(joint, alternatives, second)
