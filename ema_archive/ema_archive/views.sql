@@ -50,22 +50,24 @@ FROM estimates GROUP BY model, unit, end_ns
 HAVING count(*) > 1 AND count(DISTINCT fitness) <= 1 ORDER BY model, unit, end_ns;
 
 -- Bags that cannot be read or have no window, and windows that are refused, with the codes of their
--- reasons; bags have none.
+-- reasons. Reasons of bags have no codes: `message` is their text without names and numbers.
 CREATE VIEW refused AS
-SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, []::VARCHAR[] AS codes, reason
+SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, []::VARCHAR[] AS codes, reason,
+    regexp_replace(replace(reason, bag, 'BAG'), '-?\b[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS message
 FROM bags WHERE state <> 'new' AND reason <> ''
 UNION ALL
 SELECT bag, number, tested, verdict AS what, list_sort(list_distinct([item.code FOR item IN reasons])) AS codes,
-    reason
+    reason, NULL AS message
 FROM estimates WHERE NOT valid
 UNION ALL
-SELECT bag, number, tested, 'refused' AS what, ['stamps_contradict'] AS codes, reason FROM unordered;
+SELECT bag, number, tested, 'refused' AS what, ['stamps_contradict'] AS codes, reason, NULL AS message
+FROM unordered;
 
--- Number of refusals by the codes of their reasons, and of bags by their state, with an example.
+-- Number of refusals by the codes of their reasons, and of bags by their message, with an example.
 CREATE VIEW refused_why AS
 SELECT
     what, codes, arg_min(reason, (bag, number)) AS reason, count(*) AS count, min(bag) AS for_instance
-FROM refused GROUP BY what, codes ORDER BY count DESC, what, codes;
+FROM refused GROUP BY what, codes, message ORDER BY count DESC, what, codes, message;
 
 -- Runs to failure, as training data for other methods of prognosis. A repair starts a new life of a
 -- unit, and a life ends with its first test in ERROR, by the limits of the archive. hours_left is

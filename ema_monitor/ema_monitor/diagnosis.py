@@ -188,12 +188,7 @@ def identify(
     identification = Identification(
         window,
         value_or_default("description", description, ActuatorDescription, ActuatorDescription),
-        value_or_default(
-            "calibration",
-            calibration,
-            (*CALIBRATIONS, *get_args(CalibrationMissing)),
-            Calibration.builtin,
-        ),
+        value_or_default("calibration", calibration, _CALIBRATIONS, Calibration.builtin),
         value_or_default("settings", settings, SearchSettings, SearchSettings),
         force=force,
         previous=previous,

@@ -91,7 +91,6 @@ _NO_STATE: Final = "no state is named"
 _UNEXPLAINED: Final = "no fault explains it"
 _MOST_NAMED: Final = 3
 _LEAST_SHOWN: Final = 1e-6
-_LEAST_SHARE: Final = 0.05
 
 _OPEN_CIRCUIT: Final = f"{LABELS['dead_switch']} or {LABELS['open_phase_a']}, B or C"
 
@@ -292,10 +291,8 @@ def _rarity(probability: float) -> str:
 
 
 def _labelled_state(reason: of.LabelledState) -> str:
-    first, *less = reason.states
-    probable = [first, *(item for item in less if item.probability >= _LEAST_SHARE)]
-    named = ", ".join(f"{state} ({100.0 * share:.0f} %)" for state, share in probable)
-    verb = "state is" if len(probable) == 1 else "states are"
+    named = ", ".join(f"{state} ({100.0 * share:.0f} %)" for state, share in reason.probable)
+    verb = "state is" if len(reason.probable) == 1 else "states are"
     return f"the most probable labelled {verb} {named}"
 
 

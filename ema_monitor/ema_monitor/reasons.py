@@ -28,6 +28,9 @@ from ema_core.columns.mistakes import FactorKind, Kind, Mistake
 KINDS: Final[dict[str, type["Reason"]]] = {}
 """Classes of reasons by code."""
 
+_LEAST_SHARE: Final = 0.05
+"""Smallest probability at which a less probable labelled state is named [-]."""
+
 _COUNTS: Final = ("stretches", "of_stretches")
 _MESSAGES: Final = ("error", "sentence")
 """Fields with messages from elsewhere, whose figures and names vary."""
@@ -726,6 +729,17 @@ class LabelledState(Reason, code="labelled_state"):
     """The window resembles these states, the most probable first."""
 
     states: tuple[StateProbability, ...]
+
+    @property
+    def probable(self) -> tuple[StateProbability, ...]:
+        """The most probable state, and other states with a probability of at least 5 %."""
+        first, *less = self.states
+        return first, *(item for item in less if item.probability >= _LEAST_SHARE)
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """Code and names of the probable states."""
+        return (self.code, *(item.state for item in self.probable))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ The node publishes reports and commands print them, without further computation.
 
 import math
 from dataclasses import asdict, dataclass
+from typing import Final
 
 from ema_core.description import UnitKey
 from ema_monitor.health import FaultHealth
@@ -45,6 +46,10 @@ class Header:
     frame_id: str = ""
 
 
+MOST_COUNT: Final = 2**32 - 1
+"""Largest number that ``UnitEvent.count`` can state."""
+
+
 @dataclass(frozen=True)
 class EventReport:
     """Fields of ``ema_interfaces/msg/UnitEvent``."""
@@ -63,7 +68,7 @@ class EventReport:
             event.flight_hours,
             event.kind.value,
             text_of(event.occurrence),
-            event.occurrence.count,
+            min(event.occurrence.count, MOST_COUNT),
         )
 
 

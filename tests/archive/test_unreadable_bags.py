@@ -178,6 +178,8 @@ def test_unreadable_bag_without_a_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_
     assert f"1 bag without a known unit cannot be read: {bag}\n" in words
     as_json = json.loads(ema("archive", "status", fleet_of_drawn.archive, "--json").stdout)
     assert as_json["of_no_unit"] == [str(bag)]
+    _, rows = answer(fleet_of_drawn.archive, "select what, reason, count from refused_why")
+    assert rows == [("damaged", "it has no telemetry", 2)]
     assert fleet_summary(fleet_of_drawn.archive).bags["unreadable"] == [str(bag), str(named)]
 
 

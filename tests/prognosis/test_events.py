@@ -31,6 +31,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Assessment, assessment_text, read_assessment
 from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import NotMeasured
+from ema_monitor.reports import MOST_COUNT, EventReport
 
 _RECURRENCE = Recurrence(2, 20, 0.1 + 0.2, 4)
 _ITEM = FaultHealth(
@@ -112,3 +113,10 @@ def test_archive_keeps_every_field_of_an_event():
     again = history_from(kept_history(history, b"", "", "", 0), ("flap", "A"), [])
     assert repr(again.assessments) == repr(history.assessments)
     assert repr(read_assessment(assessment_text(assessment))) == repr(assessment)
+
+
+def test_count_of_an_event_fits_the_message():
+    reports = [EventReport.of(UnitEvent(7, 1.0, EstimatesMissing(n))) for n in (0, 3, 10**12)]
+    assert [report.count for report in reports] == [0, 3, MOST_COUNT]
+    assert EventReport.of(UnitEvent(7, 1.0, CountConfirmed(10.0, 5.0, 4))).count == 4
+    assert EventReport.of(UnitEvent(7, 1.0, Note("Ada", "3 times"))).count == 0

@@ -15,7 +15,7 @@ import numpy as np
 from ema_core.causes import CauseEstimate
 from ema_core.dates import has_date
 from ema_core.files import complete_file
-from ema_core.telemetry import SERIES, Telemetry
+from ema_core.telemetry import COLUMNS, SERIES, Telemetry
 from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.windows.window import Window
 
@@ -171,7 +171,9 @@ def _window(path: Path) -> Window:
 def _decoded(file: IO[bytes]) -> Window:
     with np.load(file, allow_pickle=False) as arrays:
         origin = float(arrays["origin"])
-        columns = {name: arrays[name].astype(np.float64) for name in SERIES if name in arrays}
+        columns = {
+            name: arrays[name].astype(np.float64) for name in SERIES if name in (*arrays, *COLUMNS)
+        }
         for name in _ANGLES:
             columns[name] += origin
         lost, samples = arrays["interpolated"], len(columns["position"])

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self
 import numpy as np
 
 from ema_core.dates import has_date
-from ema_core.description import ActuatorDescription
+from ema_core.description import UNKNOWN_DRIVE, ActuatorDescription
 from ema_core.linear import DisplayUnit
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
@@ -182,7 +182,7 @@ class JointCalibration(StoredCalibration):
         """Return the differences between a description and the calibrated unit; empty if none."""
         differences: list[Difference] = []
         if description.is_modelled:
-            differences.append(("drive", description.drive, "unknown"))
+            differences.append(("drive", description.drive, UNKNOWN_DRIVE))
         measured = description.acquisition.speed
         if measured != self.speed_measured:
             differences.append(("speed_measured", measured, self.speed_measured))

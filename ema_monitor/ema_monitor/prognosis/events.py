@@ -312,6 +312,11 @@ class CountConfirmed(Occurrence, code="count_confirmed", kind=EventKind.SERVICE_
     held: float = 0.0
     """The count that was implausible [h]."""
 
+    @property
+    def count(self) -> int:
+        """Number of tests that are left out."""
+        return self.dropped
+
 
 # The monitor, its history and its calibrations.
 

@@ -60,6 +60,17 @@ def test_record_stored_without_a_payload_is_read_without_it(tmp_path: Path):
     assert not read.telemetry.has_payload
 
 
+def test_record_without_a_column_is_ignored_and_deleted(tmp_path: Path):
+    files = RecordFiles(tmp_path)
+    stored = files.add(record(0))
+    assert stored is not None
+    with np.load(stored.path) as arrays:
+        incomplete = {name: arrays[name] for name in arrays.files if name != "current"}
+    np.savez_compressed(stored.path, **incomplete)
+    assert list(files.read([stored])) == []
+    assert not stored.path.exists()
+
+
 def test_repeated_record_is_stored_once(tmp_path: Path):
     files = RecordFiles(tmp_path)
     assert files.add(record(1)) is not None

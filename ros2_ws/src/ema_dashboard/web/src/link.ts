@@ -14,8 +14,8 @@ const PLAYBACK_CONTROL_REQUEST = 3; // opcode of the request
 const MOST_DETAIL = 300;
 // Meaning of a status with which the node refuses a request; its response has the details.
 const CHECKS: Record<number, string> = {
-  401: "access denied, token",
-  403: "access denied, address of this page",
+  401: "access denied (token)",
+  403: "access denied (address of this page)",
 };
 
 interface Subscribed {
