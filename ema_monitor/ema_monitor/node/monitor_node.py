@@ -21,6 +21,8 @@ from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.kernels import compile_monitor_kernels
 from ema_monitor.node.work.work import Work
 from ema_monitor.prognosis.fleet_growth import FleetGrowth
+from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
@@ -61,9 +63,9 @@ class MonitorNode(ManagedNode):
         )
         description = load_description(Path(files.actuator_file)) if files.actuator_file else None
         if "{" not in files.calibration_file:
-            reason = store.of(description or ActuatorDescription())
-            if isinstance(reason, str):
-                self._log.warning(reason)
+            calibration = store.of(description or ActuatorDescription())
+            if isinstance(calibration, Reason):
+                self._log.warning(text_of(calibration))
         fleet = FleetGrowth.read(folder_of(files.fleet_file)) if files.fleet_file else None
         # Before the subscriptions: no window waits for the compilation.
         compile_monitor_kernels(lambda: self.is_ending, self.report_progress)
