@@ -104,7 +104,8 @@ def test_window_read_again_equals_the_detected_one(record, faulty_blocks, spoile
     for detected, reread in zip(live, again, strict=True):
         assert (detected.number, detected.description) == (reread.number, reread.description)
         if isinstance(detected.window, Refusal):
-            assert detected.window == reread.window
+            # NaN differs from itself.
+            assert repr(detected.window) == repr(reread.window)
             continue
         assert isinstance(reread.window, Window)
         a, b = detected.window.telemetry, reread.window.telemetry

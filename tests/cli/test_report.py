@@ -190,8 +190,8 @@ def test_advice_is_given_with_costs_and_equals_that_of_the_prognosis(
     advice = json.loads(ema("predict", life_folder, *costs, "--json").stdout)["advice"]
     [first, *_] = Page(page).printed["li"][4:]
     assert advice["action"] in ("continue", "remove")
-    assert f"{advice['hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first
-    assert f"{advice['rate']:.3g} EUR/h" in first
+    assert f"{advice['flight_hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first
+    assert f"{advice['expected_cost']:.3g} EUR/h" in first
     assert advice["reason"] in first
     assert "EUR" not in of_life.text
 

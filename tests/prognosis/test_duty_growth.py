@@ -251,7 +251,7 @@ def test_scenarios_give_the_life_at_their_duty(by_damage):
     expected = {"idle": 2.0, "loads": 1.0 / 1.5, "hot": 1.0, "twice": 0.5}
     for name, ratio in expected.items():
         assert reported[name].rul.known
-        assert reported[name].dominant == "friction"
+        assert reported[name].dominant_fault == "friction"
         assert reported[name].rul.hours_50 == pytest.approx(ratio * now.rul.hours_50, rel=0.02), (
             name
         )
