@@ -9,6 +9,7 @@ from pathlib import Path
 from ema_core.description import ActuatorDescription
 from ema_core.expecting import value_or_default
 from ema_core.telemetry import Telemetry
+from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATIONS, AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
@@ -103,8 +104,8 @@ class Monitor:
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def __repr__(self) -> str:
-        tests = len(self.unit.history.entries)
-        return f"<Monitor: {self._description.actuator_id}, {tests} valid tests>"
+        tests = counted(len(self.unit.history.entries), "valid test")
+        return f"<Monitor: {self._description.actuator_id}, {tests}>"
 
     def feed(self, telemetry: Telemetry) -> Iterator[Output]:
         """Process a block of telemetry; return an iterator of defects, estimates and outlooks.

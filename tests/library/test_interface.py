@@ -147,6 +147,11 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         ema_monitor.track([window], [1.0])
 
 
+def test_monitor_and_tracker_are_a_line_in_a_prompt(estimate):
+    assert repr(ema_monitor.Monitor()) == "<Monitor: flap, 0 valid tests>"
+    assert repr(ema_monitor.track([estimate], [1.5])) == "<Tracker: 1 test, latest at 1.5 h>"
+
+
 def test_results_are_a_line_in_a_prompt_and_a_text_in_a_notebook(window, estimate):
     calibration = ema_monitor.Calibration.builtin()
     outlook = outlook_of_one(estimate, ema_monitor.HealthLimits(), "no hours")

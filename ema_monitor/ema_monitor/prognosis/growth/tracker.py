@@ -25,6 +25,7 @@ from ema_core.faults import (
     N_FAULTS,
     healthy_faults,
 )
+from ema_core.wording import counted
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.duty.course import STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
@@ -124,7 +125,7 @@ class Tracker(Kept):
         self.hours = math.nan
 
     def __repr__(self) -> str:
-        return f"<Tracker: {self.updates} tests, latest at {self.hours:g} h>"
+        return f"<Tracker: {counted(self.updates, 'test')}, latest at {self.hours:g} h>"
 
     def update(self, measurement: Measurement) -> list[GrowthEvent]:
         """Update the tracker with a test.
