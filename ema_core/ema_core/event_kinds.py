@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of events of a unit, with the values of ``kind`` in ``ema_interfaces/msg/UnitEvent``."""
+"""Kinds of events of a unit, as in ``ema_interfaces/msg/UnitEvent``, and its largest count."""
 
 from enum import StrEnum
+from typing import Final
+
+MOST_COUNT: Final = 2**32 - 1
+"""Largest number that ``count`` of ``ema_interfaces/msg/UnitEvent`` can state."""
 
 
 class EventKind(StrEnum):

@@ -6,9 +6,9 @@ The node publishes reports and commands print them, without further computation.
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Final
 
 from ema_core.description import UnitKey
+from ema_core.event_kinds import MOST_COUNT
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.event_texts import text_of
@@ -44,10 +44,6 @@ class Header:
 
     stamp: Stamp
     frame_id: str = ""
-
-
-MOST_COUNT: Final = 2**32 - 1
-"""Largest number that ``UnitEvent.count`` can state."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ema_core.faults import FAULT_NAMES
 from ema_monitor import reports
 from ema_monitor.identification.estimate import Estimate, estimate_record, refusal
 from ema_monitor.identification.search_settings import SearchSettings
-from ema_monitor.reasons import MotorStill, StatedReason
+from ema_monitor.reasons import MotorStill, NoCalibration, StatedReason
 from ema_monitor.windows.trigger import Refusal
 
 RECORDS: dict[str, Any] = run_path(str(Path(__file__).parents[2] / "tools" / "records.py"))
@@ -46,7 +46,9 @@ def test_estimate_has_the_names_of_its_message():
 
 
 def test_json_of_an_estimate_has_its_fields_and_their_reason():
-    made = refusal(Refusal(1, 2, StatedReason("")), "", SearchSettings(), MotorStill())
+    made = refusal(
+        Refusal(1, 2, StatedReason("")), NoCalibration("c.yaml"), SearchSettings(), MotorStill()
+    )
     assert set(estimate_record(made)) == {*(item.name for item in fields(Estimate)), "reason"}
 
 

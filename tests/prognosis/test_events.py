@@ -11,7 +11,7 @@ import pytest
 from tests.monitor.comparisons import changed, comparison
 
 from ema_archive.history_rows import history_from, kept_history
-from ema_core.event_kinds import EventKind
+from ema_core.event_kinds import MOST_COUNT, EventKind
 from ema_core.levels import WARN
 from ema_monitor.health import FaultHealth, Recurrence
 from ema_monitor.prognosis.event_texts import event_in_words, text_of
@@ -31,7 +31,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Assessment, assessment_text, read_assessment
 from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import NotMeasured
-from ema_monitor.reports import MOST_COUNT, EventReport
+from ema_monitor.reports import EventReport
 
 _RECURRENCE = Recurrence(2, 20, 0.1 + 0.2, 4)
 _ITEM = FaultHealth(

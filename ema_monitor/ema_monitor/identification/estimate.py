@@ -280,7 +280,7 @@ def refusal(
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
         verdict = SKIPPED
-    is_calibrated = not isinstance(calibration, str | Reason)
+    is_calibrated = not isinstance(calibration, Reason)
     return Estimate(
         window.start_ns,
         window.end_ns,

@@ -13,7 +13,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
-from ema_core.event_kinds import EventKind
+from ema_core.event_kinds import MOST_COUNT, EventKind
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
 from ema_core.wording import counted
@@ -29,7 +29,6 @@ MOST_TESTS: Final = 2000
 MOST_EVENTS: Final = 500
 
 _MOST_TEXT: Final = 1000
-_MOST_COUNT: Final = 2**32 - 1
 _PATIENCE_S: Final = 5.0
 _SERVICE_TYPE: Final = "ema_interfaces/srv/GetHistory"
 
@@ -152,7 +151,7 @@ class ActuatorHistory:
     def _happened(self, stamp: Time, kind: EventKind, text: str, count: int = 0) -> None:
         """Add an event that is not reported by any message."""
         event = UnitEvent(stamp=stamp, kind=kind.value, text=text[:_MOST_TEXT])
-        event.count = min(count, _MOST_COUNT)
+        event.count = min(count, MOST_COUNT)
         event.flight_hours = self._health.flight_hours if self._health else math.nan
         self._add_events([event])
 
