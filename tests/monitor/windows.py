@@ -16,7 +16,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import FITNESS, LeastSquares
 from ema_monitor.identification.search_settings import SearchSettings
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import NoCalibration, StatedReason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate
@@ -79,7 +79,12 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
 
 def refused(reason: str) -> Estimate:
     """Return the estimate of a window in which no faults can be identified."""
-    return refusal(Refusal(0, 1, StatedReason(reason)), "", SearchSettings(), StatedReason(reason))
+    return refusal(
+        Refusal(0, 1, StatedReason(reason)),
+        NoCalibration("calibration.yaml"),
+        SearchSettings(),
+        StatedReason(reason),
+    )
 
 
 def estimated(

@@ -12,7 +12,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import NoCalibration, StatedReason
 from ema_monitor.windows.trigger import Refusal
 
 UNIT = ("flap", "SIM-0001")
@@ -36,7 +36,13 @@ def made_test(
     if not valid:
         reason = "a phase is open" if failed else "a gap of 3 samples"
         window = Refusal(end_ns - 500_000_000, end_ns, StatedReason(reason))
-        return refusal(window, "", SearchSettings(), StatedReason(reason), is_failure=failed)
+        return refusal(
+            window,
+            NoCalibration("calibration.yaml"),
+            SearchSettings(),
+            StatedReason(reason),
+            is_failure=failed,
+        )
     k = fault_vector(faults)
     if seed is not None:
         rng = np.random.default_rng([seed, round(number)])

@@ -245,7 +245,10 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     monkeypatch.setattr(combination, "ModelIdentification", _Endless)
     monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
     estimate = refusal(
-        Refusal(5, 6, StatedReason("")), "", SearchSettings(), StatedReason("combined so far")
+        Refusal(5, 6, StatedReason("")),
+        NoCalibration("calibration.yaml"),
+        SearchSettings(),
+        StatedReason("combined so far"),
     )
     monkeypatch.setattr(Combination, "finish", lambda _: [estimate])
     _Endless.begun.clear()

@@ -20,7 +20,7 @@ from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.unit_status import unit_tasks
 from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.prognosis.outlook import unknown_outlook
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import NoCalibration, StatedReason
 from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
@@ -87,7 +87,13 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     unit.finder.windows = 40
     unit.add_defect("invalid description")
     estimate = replace(
-        refusal(Refusal(5, 9, StatedReason("")), "", SearchSettings(), StatedReason("")), valid=True
+        refusal(
+            Refusal(5, 9, StatedReason("")),
+            NoCalibration("calibration.yaml"),
+            SearchSettings(),
+            StatedReason(""),
+        ),
+        valid=True,
     )
     for last, is_open in ((39, True), (40, False)):
         unit.record(Diagnosed(3, last, FLAP, estimate), unknown_outlook("no test"), Moment(0, 0))
