@@ -21,7 +21,7 @@ from script import Figures, Workers, command
 from targets import Row, all_of, grid, percent, untargeted
 from trials import Trial, Z, mean, median, quantiles
 
-from ema_cli.bench import Bench
+from ema_cli.rig_settings import RigSettings
 from ema_cli.simulated_rig import SimulatedRig
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
@@ -61,7 +61,7 @@ class Condition(NamedTuple):
         """Return a simulated rig that runs tests under this condition."""
         description = ActuatorDescription(sample_period=self.sample_period)
         settings = BenchSettings(current_noise=self.current_noise, seed=_SEED)
-        bench = Bench(
+        bench = RigSettings(
             description, _NOMINAL, settings, dict(self.resolutions), THESIS_CHIRP, None, None
         )
         return SimulatedRig(bench, lambda: None)

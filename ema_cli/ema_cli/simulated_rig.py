@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_cli.bench import Bench
+from ema_cli.rig_settings import RigSettings
 from ema_core.commands import Command
 from ema_core.wording import counted
 from ema_monitor.design.rehearsal import ActuatorRig
@@ -21,7 +21,7 @@ from ema_sim.bench import ActuatorBench
 class SimulatedRig(ActuatorRig):
     """Test rig with a simulated actuator; ``on_cycle`` is called after each test cycle."""
 
-    def __init__(self, options: Bench, on_cycle: Callable[[], None]) -> None:
+    def __init__(self, options: RigSettings, on_cycle: Callable[[], None]) -> None:
         self._options = options
         self._seeds = np.random.SeedSequence(options.settings.seed)
         self._on_cycle = on_cycle

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.causes import CAUSE_BY_NAME, Cause, Place
+from ema_core.causes import CAUSE_BY_NAME, Cause, SystemPart
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, unknown_name
 
@@ -131,7 +131,7 @@ def _checked(cause: Cause, profile: Profile) -> Profile:
         raise ValueError(
             f"{cause.name}: end = {profile.end_s:g} s is before start = {profile.start_s:g} s"
         )
-    if cause.place is Place.DEFECT:
+    if cause.place is SystemPart.DEFECT:
         if value not in (0.0, 1.0):
             raise ValueError(f"{cause.name} = {value:g}: expected 0 or 1 ({cause.meaning})")
         if profile.end_s > profile.start_s:

@@ -13,7 +13,7 @@ COPPER: Final = 3.93e-3
 """Temperature coefficient of the resistance of copper [1/K]."""
 
 
-class Place(StrEnum):
+class SystemPart(StrEnum):
     """Part of the system in which a hidden cause acts."""
 
     PLANT = "plant"
@@ -38,7 +38,7 @@ class Cause:
     """Lowest value that can be simulated."""
     highest: float
     """Highest value that can be simulated."""
-    place: Place
+    place: SystemPart
     """Where the cause acts."""
     meaning: str
     """Meaning of the value."""
@@ -114,7 +114,11 @@ _DEFECT = (
 
 CAUSES: Final = tuple(
     Cause(name, label, unit, lowest, highest, place, meaning)
-    for place, rows in ((Place.PLANT, _PLANT), (Place.SENSOR, _SENSOR), (Place.DEFECT, _DEFECT))
+    for place, rows in (
+        (SystemPart.PLANT, _PLANT),
+        (SystemPart.SENSOR, _SENSOR),
+        (SystemPart.DEFECT, _DEFECT),
+    )
     for name, label, unit, lowest, highest, meaning in rows
 )
 """All hidden causes."""

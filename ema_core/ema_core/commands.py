@@ -147,7 +147,7 @@ THESIS_CHIRP: Final = Command()
 """Test command of the thesis: 5 mrad from 0 to 15 Hz in 0.5 s (table 7)."""
 
 
-class Cycle(NamedTuple):
+class CommandCycle(NamedTuple):
     """Samples of a whole test cycle [rad], and the position of the test command within them.
 
     ``start`` is the index of the last sample at rest before the command, ``stop`` the index after
@@ -192,7 +192,9 @@ def approach_depth(parameters: ActuatorParameters) -> float:
     return max(APPROACH_DEPTH, min(1.2 * approach_travel(parameters), parameters.theta_stop / 2.0))
 
 
-def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_DEPTH) -> Cycle:
+def build_cycle(
+    command: Command, sample_period: float, depth: float = APPROACH_DEPTH
+) -> CommandCycle:
     """Return a test cycle: hold, approach from below, command, return, rest.
 
     The position of the user shaft does not show where the motor is within the backlash. After the
@@ -223,6 +225,6 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
         ]
     )
     after = np.concatenate([_smooth_move(proper[-1], 0.0, _RETURN_S, h), np.zeros(hold)])
-    return Cycle(
+    return CommandCycle(
         np.concatenate([before, proper, after]), before.size - 1, before.size + proper.size
     )

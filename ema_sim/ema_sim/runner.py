@@ -16,7 +16,7 @@ _MEASURED_S: Final = 1.0
 _JOIN_TIMEOUT_S: Final = 0.5
 
 
-class Pace(NamedTuple):
+class SimulationPace(NamedTuple):
     """Lag and rate of the simulation."""
 
     behind: bool
@@ -90,7 +90,7 @@ class Pacer:
             self._marks = (self._marks[1], self._mark(now))
         return not stop.is_set()
 
-    def pace(self) -> Pace:
+    def pace(self) -> SimulationPace:
         """Return lag and rate of the simulation. Thread-safe."""
         mark = self._marks[0]
         elapsed = self._clock() - mark.wall_s
@@ -99,7 +99,7 @@ class Pacer:
         if elapsed > 0.0:
             rate = (self._simulated_s - mark.simulated_s) / elapsed
             busy = 1.0 - (self._waited_s - mark.waited_s) / elapsed
-        return Pace(lag > TOLERANCE_S, lag, rate, busy)
+        return SimulationPace(lag > TOLERANCE_S, lag, rate, busy)
 
     def _mark(self, now: float) -> _Mark:
         return _Mark(now, self._simulated_s, self._waited_s)
@@ -114,7 +114,7 @@ class Block(Protocol):
         ...
 
 
-class Cycle(Protocol):
+class CycleProgress(Protocol):
     """Cycle in progress."""
 
     @property
@@ -129,8 +129,8 @@ class Cycle(Protocol):
 
 
 AnyBlock = TypeVar("AnyBlock", bound=Block)
-AnyCycle = TypeVar("AnyCycle", bound=Cycle)
-CycleOut = TypeVar("CycleOut", bound=Cycle, covariant=True)
+AnyCycle = TypeVar("AnyCycle", bound=CycleProgress)
+CycleOut = TypeVar("CycleOut", bound=CycleProgress, covariant=True)
 
 
 class Bench(Protocol[CycleOut]):
@@ -203,7 +203,7 @@ class BenchRunner(Generic[AnyCycle, AnyBlock]):
         self._prepare()
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> SimulationPace:
         """Lag and rate of the simulation."""
         return self._pacer.pace()
 

@@ -9,7 +9,7 @@ from rosgraph_msgs.msg import Clock
 from ema_ros.managed_node import ManagedNode
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
-from ema_sim.runner import Bench, BenchRunner, Pace
+from ema_sim.runner import Bench, BenchRunner, SimulationPace
 
 CLOCK: Final = "/clock"
 
@@ -105,7 +105,7 @@ class SimulationNode(ManagedNode):
             self.get_logger().info(f"keeps up again at rate {self._rate:g}")
         self.report()
 
-    def _lag_message(self, pace: Pace) -> str:
+    def _lag_message(self, pace: SimulationPace) -> str:
         return (
             f"cannot keep up: lag {pace.lag_s:.3g} s, rate {pace.achieved_rate:.3g} instead of "
             f"{self._rate:g}"

@@ -55,15 +55,15 @@ _THRESHOLD: Final[dict[str, Any]] = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
 _GENERATIONS: Final = (0, 5, 10, 20, 50, 100, 200)
 
 
-class Quantity(NamedTuple):
+class PlottedColumn(NamedTuple):
     """A column of the runs to plot, and the label of its axis."""
 
     column: str
     label: str
 
 
-ERROR: Final = Quantity("error_percent", "error [%]")
-TIME: Final = Quantity("time_s", "time [s]")
+ERROR: Final = PlottedColumn("error_percent", "error [%]")
+TIME: Final = PlottedColumn("time_s", "time [s]")
 
 
 def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
@@ -81,7 +81,7 @@ def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
     }
 
 
-def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
+def draw_single_faults(runs: pd.DataFrame, quantity: PlottedColumn) -> Figure:
     """Return a figure of the mean of each fault as bars, with a row per algorithm.
 
     The two columns are the levels.
@@ -120,7 +120,7 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
 
 
 def _draw_bars(
-    axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: Quantity
+    axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: PlottedColumn
 ) -> None:
     """Draw the means of the groups in ``labels``; sources without runs in the panel are omitted."""
     tidy(axes)

@@ -29,7 +29,7 @@ us, whose calibration also fits lift, friction and inertia.
 """
 
 
-class Problem(NamedTuple):
+class OptimizationProblem(NamedTuple):
     """Optimization problem of a run."""
 
     objective: Objective
@@ -76,12 +76,14 @@ def calibration(model: str) -> Calibration:
 
 
 @cache
-def problem(model: str, case: str) -> Problem:
+def problem(model: str, case: str) -> OptimizationProblem:
     """Return the optimization problem of a model for one of ``CASES``."""
     truth = CASES[case].truth
     objective = objective_of(model, reference_window(truth))
     points = np.stack([objective.encode(faults) for faults in (truth, healthy_faults())])
-    return Problem(objective, truth, *(float(row @ row) for row in objective.residuals(points)))
+    return OptimizationProblem(
+        objective, truth, *(float(row @ row) for row in objective.residuals(points))
+    )
 
 
 def objective_of(model: str, window: Window) -> Objective:

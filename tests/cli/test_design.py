@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from ema_cli.bench import Bench, save_command
 from ema_cli.parameters import Parameters, parameters_in
+from ema_cli.rig_settings import RigSettings, save_command
 from ema_core.commands import Command
 
 RESOLUTIONS = ("current=0.005", "position=1e-6", "speed=0.05")
@@ -87,7 +87,7 @@ def test_command_is_read_from_its_file_exactly_as_written(tmp_path):
     file = tmp_path / "quick.yaml"
     swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
     save_command(file, swing, "made by a test\nof two lines")
-    bench = Bench.of(Parameters(dict(parameters_in(file, "actuator"))))
+    bench = RigSettings.of(Parameters(dict(parameters_in(file, "actuator"))))
     assert vars(bench.command) == vars(swing)
     assert dict(parameters_in(file, "monitor")) == {"window_s": 0.21}
     assert file.read_text().startswith("# made by a test\n# of two lines\n")

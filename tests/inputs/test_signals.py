@@ -6,7 +6,7 @@ import pytest
 
 from ema_bags.inputs.held import find_held, renewed_rows
 from ema_bags.inputs.importing import SampleStream, import_series
-from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.impossible import ImpossibleSampleRepair
 from ema_bags.inputs.limits import limits_of
 from ema_bags.inputs.rate import find_rate
 from ema_bags.inputs.series import Series
@@ -148,7 +148,7 @@ def test_messages_of_zeros_are_bridged_and_counted(mapped, block):
     spoiled = {name: values.copy() for name, values in columns.items()}
     for name in ("position", "speed", "current"):
         spoiled[name][rows] = 0.0
-    target = ImpossibleSamples(mapped())
+    target = ImpossibleSampleRepair(mapped())
     position = pushed(target, spoiled, block)["position"]
     assert target.count == len(rows)
     step = np.max(np.abs(np.diff(columns["position"])))
@@ -182,7 +182,7 @@ def test_many_impossible_samples_are_an_error(mapped):
 def test_rest_at_zero_is_not_impossible(mapped):
     columns, _ = moves()
     still = {name: np.where(np.arange(2400) > 800, 0.0, values) for name, values in columns.items()}
-    target = ImpossibleSamples(mapped())
+    target = ImpossibleSampleRepair(mapped())
     pushed(target, still, 10)
     assert target.count == 0
 
@@ -227,7 +227,7 @@ def test_sample_impossible_for_the_described_motor_is_bridged(
 
 @pytest.mark.parametrize("block", [1, 3, 2000])
 def test_healthy_test_cycle_has_no_impossible_sample(mapped, telemetry, columns, block):
-    target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
+    target = ImpossibleSampleRepair(mapped(), limits_of(mapped(), described(1000), 1e-3))
     got = pushed(target, columns, block)
     for name, values in columns.items():
         np.testing.assert_array_equal(got[name], values)
@@ -237,7 +237,7 @@ def test_healthy_test_cycle_has_no_impossible_sample(mapped, telemetry, columns,
 def test_lasting_jump_is_not_a_single_sample(mapped, telemetry, columns):
     columns["position"] = np.where(np.arange(len(telemetry)) > 900, 0.5, 0.0) + columns["position"]
     for block in (1, 2, 2000):
-        target = ImpossibleSamples(mapped(), limits_of(mapped(), described(1000), 1e-3))
+        target = ImpossibleSampleRepair(mapped(), limits_of(mapped(), described(1000), 1e-3))
         pushed(target, columns, block)
         assert target.count == 0
 
@@ -247,7 +247,7 @@ def test_glitch_of_one_turn_is_bridged_for_a_joint_with_a_wide_range(mapped):
     position = 20.0 * np.sin(np.linspace(0.0, 12.0, 4000))
     spoiled = position.copy()
     spoiled[[700, 2100]] += 2.0 * np.pi
-    target = ImpossibleSamples(mapped(command=None))
+    target = ImpossibleSampleRepair(mapped(command=None))
     repaired = pushed(target, {"position": spoiled}, len(spoiled))["position"]
     assert target.count == 2
     assert np.max(np.abs(repaired - position)) < 0.01

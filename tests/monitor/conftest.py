@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP, Cycle, build_cycle
+from ema_core.commands import THESIS_CHIRP, CommandCycle, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
@@ -29,7 +29,7 @@ def description() -> ActuatorDescription:
 
 
 @pytest.fixture(scope="session")
-def cycle(description) -> Cycle:
+def cycle(description) -> CommandCycle:
     return build_cycle(THESIS_CHIRP, description.sample_period)
 
 

@@ -12,7 +12,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, CalibrationStore, load_calibration
 from ema_monitor.joint.departure import HEALTHY
 from ema_monitor.joint.window_baseline import ReferenceWindow, WindowBaseline
-from ema_monitor.joint.window_figures import Motion, WindowFigures
+from ema_monitor.joint.window_figures import CommandedMotion, WindowFigures
 from ema_monitor.reasons import CalibrationMissing, CalibrationUnusable, NoCalibration
 
 from .windows import shortened
@@ -49,7 +49,7 @@ def test_shipped_calibration_is_used_without_a_file(tmp_path: Path):
 
 def test_labels_are_kept_by_a_calibration_of_the_same_unit_and_motion(tmp_path: Path):
     currents = {"current_forward": 0.7, "current_backward": 0.5}
-    part = WindowFigures(Motion(0.04, 3.0, 1.0), currents, 750)
+    part = WindowFigures(CommandedMotion(0.04, 3.0, 1.0), currents, 750)
     healthy = WindowBaseline((ReferenceWindow(HEALTHY, 0, part),))
     dry = WindowBaseline(
         (*healthy.windows, ReferenceWindow("dry", 1, part._replace(samples=700), 1))
@@ -64,7 +64,7 @@ def test_labels_are_kept_by_a_calibration_of_the_same_unit_and_motion(tmp_path: 
 def test_baseline_in_a_file_of_an_earlier_version_is_read_with_its_identity(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
-    figures = WindowFigures(Motion(0.04, 3.0, 1.0), {"current_forward": 0.7}, 750)
+    figures = WindowFigures(CommandedMotion(0.04, 3.0, 1.0), {"current_forward": 0.7}, 750)
     baseline = WindowBaseline(
         (ReferenceWindow(HEALTHY, 0, figures), ReferenceWindow("dry", 1, figures, 1))
     )

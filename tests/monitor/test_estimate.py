@@ -12,7 +12,7 @@ from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faul
 from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
-from ema_monitor.joint.window_figures import Motion, WindowFigures
+from ema_monitor.joint.window_figures import CommandedMotion, WindowFigures
 from ema_monitor.reason_texts import EQUAL_SHORTS
 from ema_monitor.reasons import CauseFound, NotSeparated, PoorFit, StatedReason
 from ema_monitor.windows.band import rms
@@ -24,7 +24,9 @@ from .windows import refused
 
 RNG = np.random.default_rng(3)
 ROOT = RNG.standard_normal((8, 8))
-PART = WindowFigures(Motion(0.04, 3.0, 1.0), {"rest_current": 0.3, "current_forward": 0.7}, 750)
+PART = WindowFigures(
+    CommandedMotion(0.04, 3.0, 1.0), {"rest_current": 0.3, "current_forward": 0.7}, 750
+)
 ESTIMATE = Estimate(
     2**62 + 1,
     2**62 + 500_000_001,

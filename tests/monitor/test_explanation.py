@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.causes import Place
+from ema_core.causes import SystemPart
 from ema_core.faults import ECCENTRICITY_PHASE, SHORT_CIRCUITS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.diagnosis import identify
@@ -256,7 +256,7 @@ def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
     priors = objective.residuals(point[None])[0, -n:]
     assert np.all(np.sign(priors) == np.sign(sigmas))
     squares = priors**2 / objective.noise
-    of_sensors = np.array([prior.cause.place == Place.SENSOR for prior in causes])
+    of_sensors = np.array([prior.cause.place == SystemPart.SENSOR for prior in causes])
     assert squares[~of_sensors] == pytest.approx(sigmas**2)
     assert np.sum(of_sensors) == 9
     tail = 2.5**2 * (1.0 + 2.0 * np.log(abs(sigmas) / 2.5))

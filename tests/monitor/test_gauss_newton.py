@@ -7,9 +7,9 @@ import pytest
 from ema_monitor.optimizers.bounded_quadratic import lowest_of
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.gauss_newton import (
+    LeastSquaresProblem,
     LevenbergMarquardt,
     LineSearch,
-    Problem,
     Stopping,
     descend,
 )
@@ -131,7 +131,7 @@ class Watched:
 
     def __init__(self, weight=lambda x: 1.0):
         self.asked, self.linearised, self.weight, self.now = [], [], weight, 1.0
-        self.problem = Problem(self.residuals, self.linearise)
+        self.problem = LeastSquaresProblem(self.residuals, self.linearise)
 
     def residuals(self, points):
         self.asked.append(len(points))
@@ -220,7 +220,9 @@ def test_promise_kept_by_a_good_fit_ends_a_descent():
     def line(points):
         return np.concatenate([points - 0.3, np.full((len(points), 1), 0.1)], axis=1)
 
-    linear = Problem(line, lambda x: Linearisation(x, line(x[None])[0], np.array([[1.0], [0.0]])))
+    linear = LeastSquaresProblem(
+        line, lambda x: Linearisation(x, line(x[None])[0], np.array([[1.0], [0.0]]))
+    )
     good, poor = (
         descend(linear, FAR, TOGETHER, Stopping(9, promise=1e-2, good_cost=cost))
         for cost in (0.02, 0.005)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.optimizers.driver import Progress, Termination, minimise
+from ema_monitor.optimizers.driver import SearchProgress, Termination, minimise
 from ema_monitor.optimizers.interface import Hints
 
 D = 8
@@ -72,7 +72,7 @@ def worst_of_most(costs):
     return sorted(costs)[-2]
 
 
-def same(a: Progress, b: Progress) -> bool:
+def same(a: SearchProgress, b: SearchProgress) -> bool:
     return a.cost == b.cost and a.evaluations == b.evaluations and np.array_equal(a.point, b.point)
 
 

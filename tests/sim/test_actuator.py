@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ema_core.cause_profiles import Causes
-from ema_core.causes import CAUSES, COPPER, Place
+from ema_core.causes import CAUSES, COPPER, SystemPart
 from ema_core.commands import THESIS_CHIRP, Command, build_cycle
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
@@ -119,7 +119,7 @@ def run(causes: Causes, parameters: ActuatorParameters = P) -> Telemetry:
 
 
 def test_kernel_has_every_cause_except_those_of_sensors():
-    inside = [cause.name for cause in CAUSES if cause.place is not Place.SENSOR]
+    inside = [cause.name for cause in CAUSES if cause.place is not SystemPart.SENSOR]
     assert Effects._fields == ("time", *inside)
 
 

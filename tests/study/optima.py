@@ -16,7 +16,7 @@ from ema_core.faults import estimation_error, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.identification.objective import Objective
-from ema_monitor.optimizers.driver import Progress, minimise
+from ema_monitor.optimizers.driver import SearchProgress, minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import ScreenedLeastSquares
 from ema_study.cases import CASES
@@ -77,7 +77,7 @@ def optimum(variant: Variant, case: str) -> Optimum:
     return Optimum(faults[0], float(estimation_error(faults[0], truth)), lowest.cost)
 
 
-def _descent(objective: Objective, start: NDArray[np.float64]) -> Progress:
+def _descent(objective: Objective, start: NDArray[np.float64]) -> SearchProgress:
     # Any cost is accepted, so that no screening follows the descent; the result is deterministic.
     optimizer = ScreenedLeastSquares(start, np.random.default_rng(0), Hints(good_cost=np.inf))
     *_, last = minimise(

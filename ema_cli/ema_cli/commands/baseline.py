@@ -13,7 +13,7 @@ from ema_cli.options import network_option
 from ema_cli.show.baseline_table import BaselineSummary, details, table
 from ema_core.wording import unknown_name
 from ema_monitor.baselines.changes import BaselineChange, ChangeKind
-from ema_monitor.baselines.progress import Progress
+from ema_monitor.baselines.progress import BaselineProgress
 from ema_monitor.baselines.unit_baseline import (
     UnitBaseline,
     changes_of,
@@ -232,7 +232,7 @@ def _source(folder: Path | None, monitor: str, *, network: bool) -> Iterator[_Fo
 def _of_message(status: Any) -> BaselineSummary:
     from ema_ros.stamps import stamp_from_message
 
-    progress = Progress(
+    progress = BaselineProgress(
         status.records,
         status.days,
         status.records_needed,

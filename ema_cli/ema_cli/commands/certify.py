@@ -6,11 +6,11 @@ import sys
 
 import click
 
-from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.options import REFUSED, assignments_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
+from ema_cli.rig_settings import COMMAND_OPTION, RigSettings
 from ema_cli.simulated_rig import SimulatedRig
 from ema_core.faults import COMPONENTS
 from ema_core.wording import unknown_name
@@ -19,14 +19,14 @@ from ema_monitor.design.certificate import certify as certify_test
 
 
 @click.command()
-@settings_options(Bench, "actuator", more=[COMMAND_OPTION])
+@settings_options(RigSettings, "actuator", more=[COMMAND_OPTION])
 @assignments_option(
     "--require",
     "wanted",
     "Required sigma of a fault, e.g. friction=0.01; exit code 3 if it is not reached.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-def certify(options: Bench, wanted: dict[str, float], as_json: bool) -> None:
+def certify(options: RigSettings, wanted: dict[str, float], as_json: bool) -> None:
     """Predict which faults a test detects, how accurately, and which it cannot separate.
 
     No telemetry is needed: the command simulates tests of the described actuator and sensors, and

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import click
 
-from ema_cli.bench import Bench, save_command
 from ema_cli.options import REFUSED, Assignments, assignments_option, values_of_options
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
+from ema_cli.rig_settings import RigSettings, save_command
 from ema_cli.simulated_rig import SimulatedRig
 from ema_core.faults import COMPONENTS
 from ema_monitor.design.certificate import certify
@@ -36,7 +36,7 @@ class WantedSigmas(Assignments):
 
 
 @click.command()
-@settings_options(Bench, "actuator")
+@settings_options(RigSettings, "actuator")
 @click.option(
     "--travel",
     required=True,
@@ -61,7 +61,7 @@ class WantedSigmas(Assignments):
     "YAML file to write, with parameters of actuator and monitor for --params", dir_okay=False
 )
 def design(
-    options: Bench,
+    options: RigSettings,
     travel: float,
     torque: float | None,
     current: float | None,
@@ -152,7 +152,7 @@ def _in_words(result: Design) -> str:
     )
 
 
-def _next_steps(output: Path, options: Bench) -> str:
+def _next_steps(output: Path, options: RigSettings) -> str:
     file, rate = options.actuator_file, options.sample_rate
     actuator = f" --actuator {file}" if file else ""
     actuator += f" --sample-rate {rate:g}" if rate else ""

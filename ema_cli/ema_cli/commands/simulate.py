@@ -6,12 +6,12 @@ from pathlib import Path
 import click
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
-from ema_cli.bench import COMMAND_OPTION, Bench
 from ema_cli.options import assignments_option, values_of_options
 from ema_cli.output import BAG_TO_WRITE, START_OPTION, new_bag, output_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
+from ema_cli.rig_settings import COMMAND_OPTION, RigSettings
 from ema_core.cause_profiles import GRAMMAR
 from ema_core.faults import FAULT_NAMES
 from ema_core.wording import counted
@@ -32,10 +32,10 @@ from ema_sim.bench import ActuatorBench
 )
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
 @START_OPTION
-@settings_options(Bench, "actuator", more=[COMMAND_OPTION])
+@settings_options(RigSettings, "actuator", more=[COMMAND_OPTION])
 @output_option(BAG_TO_WRITE)
 def simulate(
-    options: Bench,
+    options: RigSettings,
     faults: dict[str, float],
     causes: tuple[str, ...],
     cycles: int,

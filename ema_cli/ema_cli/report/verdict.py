@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from ema_cli.bags.unit_course import Course
 from ema_cli.show.prognosis_table import WIDENED, advice_in_words
-from ema_core.causes import CAUSE_BY_NAME, Place
+from ema_core.causes import CAUSE_BY_NAME, SystemPart
 from ema_core.dates import moment
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
@@ -306,7 +306,7 @@ def _after_the_last_test(course: Course) -> list[str]:
         return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     for cause in last.causes:
         about = CAUSE_BY_NAME[cause.name]
-        part = "sensor" if about.place is Place.SENSOR else "installation"
+        part = "sensor" if about.place is SystemPart.SENSOR else "installation"
         actions.append(
             f"Check the {part}: {cause} explains part of the last test and is not a fault."
         )

@@ -9,7 +9,7 @@ from typing import Final
 
 from ema_core.wording import counted, text_table
 from ema_monitor.baselines.changes import BaselineChange
-from ema_monitor.baselines.progress import Progress
+from ema_monitor.baselines.progress import BaselineProgress
 
 _HEADINGS: Final = (
     *("joint", "serial number", "state", "records", "days", "same day", "other day", "accepted"),
@@ -23,7 +23,7 @@ class BaselineSummary:
     actuator_id: str
     serial_number: str
     is_accepted: bool
-    progress: Progress
+    progress: BaselineProgress
     calibration_id: str = ""
     """Identity of the accepted calibration; empty while learning."""
     author: str = ""
@@ -85,7 +85,7 @@ def details(item: BaselineSummary, changes: Sequence[BaselineChange] | None) -> 
     return "\n".join(lines)
 
 
-def _records(progress: Progress) -> str:
+def _records(progress: BaselineProgress) -> str:
     needed = f" of {progress.records_needed}" if progress.records_needed else ""
     return f"{progress.records}{needed}"
 

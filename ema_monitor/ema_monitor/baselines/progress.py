@@ -25,7 +25,7 @@ _BLIND: Final = 1.0
 
 
 @dataclass(frozen=True)
-class Progress:
+class BaselineProgress:
     """Progress in collecting the records of a baseline."""
 
     records: int = 0
@@ -69,7 +69,7 @@ def progress_of(
     forward_share: float,
     reason: str,
     records_needed: int = 0,
-) -> Progress:
+) -> BaselineProgress:
     """Return the progress of a baseline.
 
     Parameters
@@ -86,12 +86,12 @@ def progress_of(
         Number of records for automatic acceptance; 0 if a person accepts.
     """
     if calibration is None:
-        return Progress(records, days, records_needed, reason=reason)
+        return BaselineProgress(records, days, records_needed, reason=reason)
     comparer = calibration.comparer
     lead = calibration.parameters.lead
     travel_per_radian = lead / (2.0 * math.pi) if lead else 1.0
     speeds = [travel_per_radian * record.usual_speed for record in calibration.baseline.records]
-    return Progress(
+    return BaselineProgress(
         records,
         days,
         records_needed,

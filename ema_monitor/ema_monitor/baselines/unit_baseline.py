@@ -19,7 +19,13 @@ from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.wording import counted, one_line
 from ema_monitor.baselines.changes import BaselineChange, ChangeKind, append_change, read_changes
-from ema_monitor.baselines.progress import FEWEST, Progress, forward_share, progress_of, refusal_of
+from ema_monitor.baselines.progress import (
+    FEWEST,
+    BaselineProgress,
+    forward_share,
+    progress_of,
+    refusal_of,
+)
 from ema_monitor.baselines.record_files import RecordFiles, StoredRecord, thinned
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibrations import CALIBRATION_FILE, file_name, load_calibration
@@ -237,7 +243,7 @@ class UnitBaseline:
             self._reason = str(error)
         self._fitted, self._added = len(self.candidates), 0
 
-    def progress(self, records_needed: int = 0) -> Progress:
+    def progress(self, records_needed: int = 0) -> BaselineProgress:
         """Return the progress of the accepted baseline, or of the candidates while learning."""
         if self.calibration is not None:
             days = len(set(self.calibration.baseline.days))

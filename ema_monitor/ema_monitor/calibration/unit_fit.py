@@ -14,7 +14,7 @@ from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, Deviation
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.model.readings import read
-from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.gauss_newton import LeastSquaresProblem, LineSearch, Stopping, descend
 from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
@@ -215,7 +215,7 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
     active = np.array([prior.name in _ALWAYS_FITTED for prior in priors])
     while True:
         search = LineSearch(lambda at: problem.lowest_of(at, active), _SHARES)
-        least_squares = Problem(problem.residuals, problem.linearise)
+        least_squares = LeastSquaresProblem(problem.residuals, problem.linearise)
         descent = descend(least_squares, x[None], search, stopping)
         x, at = descent.point, Quadratic.of(descent.at)
         added = _most_explaining(at, active, _NOTABLE * sigma)

@@ -39,7 +39,7 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import significant_components
 from ema_monitor.model.deviations import Prior
 from ema_monitor.model.readings import MOVES_START
-from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.gauss_newton import LeastSquaresProblem, LineSearch, Stopping, descend
 from ema_monitor.optimizers.linear_model import Linearisation, refitted
 
 MOST_CAUSES: Final = 3
@@ -388,7 +388,9 @@ class Explainer:
     def _descended(self, starts: Array, free: Components) -> Array:
         """Return the optimum of the free components, ``(d,)``, from the best start, ``(m, d)``."""
         objective = self._objective
-        problem = Problem(objective.residuals, lambda point: objective.linearise(point, free))
+        problem = LeastSquaresProblem(
+            objective.residuals, lambda point: objective.linearise(point, free)
+        )
         search = LineSearch(lambda at: refitted(at, at.point, free), _SHARES)
         return descend(problem, starts, search, _STOPPING).point
 

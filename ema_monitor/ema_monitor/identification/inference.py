@@ -9,7 +9,7 @@ from itertools import compress
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CauseEstimate, Place
+from ema_core.causes import CauseEstimate, SystemPart
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, FaultVector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
@@ -389,7 +389,7 @@ class Inference:
         """Return whether a cause is a sensor error at a bound of the search."""
         prior = next(item for item in self._objective.hidden_causes if item.name == cause.name)
         distance = abs(cause.value - prior.expected)
-        return prior.cause.place == Place.SENSOR and distance > _AT_BOUND * prior.reach
+        return prior.cause.place == SystemPart.SENSOR and distance > _AT_BOUND * prior.reach
 
     def _misfit(self, at: Linearisation) -> Misfit:
         """Return the misfit at the estimate and at the healthy point."""

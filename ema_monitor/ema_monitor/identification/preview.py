@@ -14,7 +14,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge, information
 from ema_monitor.identification.objective import Objective
 from ema_monitor.model.measured import expected_causes
-from ema_monitor.optimizers.gauss_newton import LineSearch, Problem, Stopping, descend
+from ema_monitor.optimizers.gauss_newton import LeastSquaresProblem, LineSearch, Stopping, descend
 from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
@@ -97,7 +97,7 @@ class Preview(NamedTuple):
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
         search = LineSearch(lambda at: _explained(at, knowledge, objective.noise), _SHARES)
-        problem = Problem(objective.residuals, objective.linearise)
+        problem = LeastSquaresProblem(objective.residuals, objective.linearise)
         descent = descend(problem, points, search, _STOPPING)
         point = descent.point
         return cls(

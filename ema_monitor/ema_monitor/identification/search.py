@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, Place
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, SystemPart
 from ema_core.columns.errors import ColumnError
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
@@ -177,7 +177,7 @@ class ModelIdentification:
             return result
         spent = poor.evaluations
         for cause in poor.measured:
-            if CAUSE_BY_NAME[cause.name].place == Place.SENSOR:
+            if CAUSE_BY_NAME[cause.name].place == SystemPart.SENSOR:
                 continue
             trial = yield from self._search_once(premises.without(cause))
             spent += trial.estimate.evaluations

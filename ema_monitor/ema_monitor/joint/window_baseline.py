@@ -20,7 +20,7 @@ from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.joint.states import Example, examples_by_state, probabilities
 from ema_monitor.joint.window_figures import (
     WINDOW_FIGURES,
-    Motion,
+    CommandedMotion,
     WindowFigures,
     figures_of,
     figures_of_row,
@@ -126,7 +126,7 @@ class WindowBaseline:
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
         return type(self)(kept)
 
-    def _like(self, motion: Motion, *, labelled: bool = False) -> list[ReferenceWindow]:
+    def _like(self, motion: CommandedMotion, *, labelled: bool = False) -> list[ReferenceWindow]:
         windows = (window for window in self.windows if bool(window.test) == labelled)
         return [window for window in windows if window.figures.motion.is_like(motion)]
 

@@ -50,7 +50,7 @@ WINDOW_FIGURES: Final = {
 
 
 @dataclass(frozen=True)
-class Motion:
+class CommandedMotion:
     """Commanded motion of a window; only windows of similar motion are compared."""
 
     sample_period: float
@@ -63,7 +63,7 @@ class Motion:
     def __str__(self) -> str:
         return f"{self.travel:.3g} rad at {self.speed:.3g} rad/s, {1.0 / self.sample_period:g} Hz"
 
-    def is_like(self, motion: "Motion") -> bool:
+    def is_like(self, motion: "CommandedMotion") -> bool:
         """Return whether another motion is so similar that windows of both can be compared."""
         ratios = np.divide(astuple(self), np.maximum(astuple(motion), _TINY))
         return bool(np.all(np.abs(np.log(np.maximum(ratios, _TINY))) <= math.log1p(_TOLERANCE)))
@@ -72,7 +72,7 @@ class Motion:
 class WindowFigures(NamedTuple):
     """Motion of a window, its figures by name, and its number of samples."""
 
-    motion: Motion
+    motion: CommandedMotion
     values: dict[str, float]
     samples: int
 
@@ -122,7 +122,7 @@ def figures_of_row(
         raise ValueError("the figures of a window have no motion: calibrate or estimate again")
     named = zip(names, values, strict=True)
     figures = {name: value for name, value in named if math.isfinite(value)}
-    return WindowFigures(Motion(period, travel, speed), figures, int(samples))
+    return WindowFigures(CommandedMotion(period, travel, speed), figures, int(samples))
 
 
 def mean_of(windows: Sequence[WindowFigures]) -> dict[str, float]:
@@ -156,8 +156,8 @@ def _figures(
     return values
 
 
-def _motion(window: Telemetry, fastest: float) -> Motion:
-    return Motion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
+def _motion(window: Telemetry, fastest: float) -> CommandedMotion:
+    return CommandedMotion(window.sample_period, *map(_short, (np.ptp(window.command), fastest)))
 
 
 def _speeds(window: Telemetry) -> tuple[Array, float]:

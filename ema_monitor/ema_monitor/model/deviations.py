@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array
-from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause, Place
+from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause, SystemPart
 from ema_core.faults import eccentricity_vector, with_eccentricity
 from ema_core.parameters import ActuatorParameters, PlantConstants
 
@@ -159,7 +159,7 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     }
     normal = (_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
     return tuple(
-        prior._replace(tail=_TAIL) if prior.cause.place == Place.SENSOR else prior
+        prior._replace(tail=_TAIL) if prior.cause.place == SystemPart.SENSOR else prior
         for prior in normal
     )
 

@@ -51,7 +51,7 @@ class Termination:
 
 
 @dataclass(frozen=True, eq=False)
-class Progress:
+class SearchProgress:
     """State of a search after a generation."""
 
     generation: int
@@ -70,7 +70,7 @@ def minimise(
     termination: StopRule,
     *,
     reserve: int = 0,
-) -> Iterator[Progress]:
+) -> Iterator[SearchProgress]:
     """Yield the progress of a search after every generation.
 
     The search ends if the optimizer has converged, the stop rule is reached, or the next generation
@@ -93,7 +93,7 @@ def minimise(
     ValueError
         If the budget is too small for the first generation.
     """
-    best = Progress(0, 0, np.empty(0), np.inf)
+    best = SearchProgress(0, 0, np.empty(0), np.inf)
     history: list[float] = []
     while not optimizer.converged:
         points = optimizer.ask()
@@ -112,7 +112,7 @@ def minimise(
 
         leader = int(np.argmin(costs))
         improved = best.generation == 0 or costs[leader] < best.cost
-        best = Progress(
+        best = SearchProgress(
             best.generation + 1,
             evaluations,
             points[leader].copy() if improved else best.point,

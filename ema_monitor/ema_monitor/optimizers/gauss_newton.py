@@ -182,7 +182,7 @@ class Descent:
         return True
 
 
-class Problem(NamedTuple):
+class LeastSquaresProblem(NamedTuple):
     """Least-squares problem.
 
     ``residuals`` returns the residuals, ``(m, r)``, at points, ``(m, d)``. ``linearise`` returns
@@ -193,7 +193,9 @@ class Problem(NamedTuple):
     linearise: Callable[[Array], Linearisation]
 
 
-def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping) -> Descent:
+def descend(
+    problem: LeastSquaresProblem, starts: Array, search: Search, stopping: Stopping
+) -> Descent:
     """Return the finished descent from the best of several starts, ``(m, d)``.
 
     The descent ends early if the cost of the best start or a derivative is not finite.
@@ -214,7 +216,7 @@ def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping)
     return descent
 
 
-def _evaluated(problem: Problem, points: Array) -> tuple[Array, Array]:
+def _evaluated(problem: LeastSquaresProblem, points: Array) -> tuple[Array, Array]:
     """Return the residuals, ``(m, r)``, and costs, ``(m,)``, at points, ``(m, d)``.
 
     The cost is inf if a residual is not finite.

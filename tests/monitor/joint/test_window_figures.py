@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.joint.window_figures import Motion, figures_of, mean_of
+from ema_monitor.joint.window_figures import CommandedMotion, figures_of, mean_of
 
 H = 0.04
 
@@ -62,7 +62,7 @@ def test_one_way_motion_and_a_window_without_current_have_no_figures():
 
 
 def test_motions_are_alike_if_their_ratio_is_near_one():
-    motion = Motion(0.04, 2.0, 1.0)
-    assert motion.is_like(Motion(0.04, 2.05, 0.98))
-    assert not motion.is_like(Motion(0.04, 2.0, 1.4))
-    assert not motion.is_like(Motion(0.04, 1.0, 1.0))
+    motion = CommandedMotion(0.04, 2.0, 1.0)
+    assert motion.is_like(CommandedMotion(0.04, 2.05, 0.98))
+    assert not motion.is_like(CommandedMotion(0.04, 2.0, 1.4))
+    assert not motion.is_like(CommandedMotion(0.04, 1.0, 1.0))

@@ -31,7 +31,7 @@ from ema_interfaces.msg import (
 from ema_interfaces.msg import FrictionCurve as FrictionCurveMessage
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
-from ema_monitor.baselines.progress import Progress
+from ema_monitor.baselines.progress import BaselineProgress
 from ema_monitor.baselines.unit_baseline import UnitBaseline
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.diagnosis import Diagnosed
@@ -255,7 +255,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
 
 
 def baseline_to_message(
-    baseline: UnitBaseline, progress: Progress, stamp_ns: int
+    baseline: UnitBaseline, progress: BaselineProgress, stamp_ns: int
 ) -> BaselineStatus:
     """Return the status of a learned baseline after its latest record."""
     accepted, calibration = baseline.accepted_by, baseline.calibration

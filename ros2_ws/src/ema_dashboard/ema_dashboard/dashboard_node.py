@@ -27,7 +27,7 @@ from ema_dashboard.settings import (
     read_token,
     tls_context,
 )
-from ema_dashboard.unit_history import Histories
+from ema_dashboard.unit_history import NamespaceHistories
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import Health, NodeStatus
 from ema_ros.claims import Claims
@@ -88,7 +88,7 @@ class DashboardNode(ManagedNode):
         self._claims = Claims()
         self._playback = PlaybackControl(self, self._hub)
         self._histories = {
-            name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
+            name: NamespaceHistories(self, name, self._hub, self._time_ns) for name in namespaces
         }
         self._requests = {name: MonitorRequests(self, name, self._hub) for name in namespaces}
         self._metrics = Metrics(self._hub.figures)

@@ -185,7 +185,7 @@ class ActuatorHistory:
         _drop_oldest(self._events, MOST_EVENTS)
 
 
-class Histories:
+class NamespaceHistories:
     """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
 
     The history of a unit is requested from each monitor when the unit or the monitor appears, the

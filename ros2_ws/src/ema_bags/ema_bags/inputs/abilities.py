@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from ema_bags.inputs.column_measures import EffortFit
-from ema_bags.inputs.examination import Ability, AbilityResult, Motion, Need, Relations
+from ema_bags.inputs.examination import Ability, AbilityResult, JointMotion, JointRelations, Need
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_core.description import ActuatorDescription
@@ -24,8 +24,8 @@ _SAME_SHAFT: Final = 2.0
 def abilities_of(
     mapping: ColumnMapping,
     description: ActuatorDescription,
-    motion: Motion | None,
-    relations: Relations | None,
+    motion: JointMotion | None,
+    relations: JointRelations | None,
     fit: EffortFit | None,
     defects: tuple[InputDefect, ...],
 ) -> tuple[AbilityResult, ...]:
@@ -86,7 +86,7 @@ def abilities_by_columns(*, has_effort: bool, has_command: bool) -> tuple[Abilit
     return (Ability.FRICTION, Ability.TORQUE, Ability.INERTIA, Ability.LOAD, *lag)
 
 
-def _of_strokes(motion: Motion | None, defects: set[str]) -> Iterator[Need]:
+def _of_strokes(motion: JointMotion | None, defects: set[str]) -> Iterator[Need]:
     if "position_commanded" in defects:
         yield Need.MEASURED_POSITION
     if motion is None or motion.travel <= 0.0 or motion.moving_s <= 0.0:
@@ -99,7 +99,7 @@ def _of_strokes(motion: Motion | None, defects: set[str]) -> Iterator[Need]:
 
 
 def _has_both_sides(
-    mapping: ColumnMapping, description: ActuatorDescription, relations: Relations | None
+    mapping: ColumnMapping, description: ActuatorDescription, relations: JointRelations | None
 ) -> bool:
     """Return whether the speed is measured at the motor and the position at the joint."""
     if mapping.speed is None or relations is None or math.isnan(relations.speed_factor):

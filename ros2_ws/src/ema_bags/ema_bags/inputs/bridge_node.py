@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
-from ema_bags.inputs.bridged_actuator import BridgedActuator, Reception
+from ema_bags.inputs.bridged_actuator import BridgedActuator, BridgeReception
 from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
@@ -115,7 +115,7 @@ class BridgeNode(ManagedNode):
 
     def tasks(self) -> list[Task]:
         """Return the diagnostic tasks: search for joints; input and mapping of each actuator."""
-        reception = Reception(self.state, self._missing, self._has_source)
+        reception = BridgeReception(self.state, self._missing, self._has_source)
         tasks = [self._finding_task()] if self._mapping is None else []
         return [*tasks, *(t for unit in self._actuators.values() for t in unit.tasks(reception))]
 

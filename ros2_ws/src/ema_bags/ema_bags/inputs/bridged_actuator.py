@@ -19,7 +19,7 @@ _CHECKED: Final = "checked [Hz]"
 _REJECTED: Final = "rejected [Hz]"
 
 
-class Reception(NamedTuple):
+class BridgeReception(NamedTuple):
     """State of the node and its topics."""
 
     state: str
@@ -98,7 +98,7 @@ class BridgedActuator:
         self._counts[_CHECKED] = self.bridge.checked
         return blocks
 
-    def tasks(self, reception: Reception) -> list[Task]:
+    def tasks(self, reception: BridgeReception) -> list[Task]:
         """Return the diagnostic tasks for the input and the mapping."""
         return [self._input_task(reception), self._mapping_task()]
 
@@ -108,7 +108,7 @@ class BridgedActuator:
         span_s = max(time.monotonic() - first_s, 1e-3)
         return {key: (count - first[key]) / span_s for key, count in self._counts.items()}
 
-    def _input_task(self, reception: Reception) -> Task:
+    def _input_task(self, reception: BridgeReception) -> Task:
         bridge, losses, rate = self.bridge, self.bridge.losses, self.bridge.rate
         recent = self._recent()
         values: dict[str, Any] = {
@@ -133,7 +133,7 @@ class BridgedActuator:
         level, message = self._input_level(reception, recent)
         return Task(f"{self._prefix}input", level, message, self.hardware_id, values)
 
-    def _input_level(self, reception: Reception, recent: dict[str, float]) -> tuple[int, str]:
+    def _input_level(self, reception: BridgeReception, recent: dict[str, float]) -> tuple[int, str]:
         bridge, source = self.bridge, self.bridge.mapping.position.topic
         if reception.state != "active":
             return STALE, f"{reception.state}: the node receives no messages"

@@ -21,7 +21,7 @@ from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.joint_finder import MOST_JOINTS
 from ema_bags.inputs.joint_sources import EFFORT_UNIT
-from ema_bags.inputs.joint_states import JointColumns
+from ema_bags.inputs.joint_states import JointCollector
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.ordering import settled_samples, sorting_order
 from ema_bags.inputs.publishers import two_publishers
@@ -146,7 +146,7 @@ class Bridge:
         mapping: ColumnMapping,
         description: ActuatorDescription,
         settings: BridgeSettings,
-        collector: Collector | JointColumns | None = None,
+        collector: Collector | JointCollector | None = None,
     ) -> None:
         if mapping.is_table:
             raise ValueError(

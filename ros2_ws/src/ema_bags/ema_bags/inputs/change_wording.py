@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ema_bags.inputs.factors import MappingChange, Relations
+from ema_bags.inputs.factors import MappingChange, MeasuredRelations
 
 
 def change_remedy(change: MappingChange) -> str:
@@ -19,7 +19,7 @@ def change_reason(change: MappingChange) -> str:
     )
 
 
-def _facts(relations: Relations) -> list[str]:
+def _facts(relations: MeasuredRelations) -> list[str]:
     facts = []
     if relations.gain is not None:
         facts.append(f"the position moves {relations.gain:.4g} times as far as the command")

@@ -121,7 +121,7 @@ class ColumnExamination:
 
 
 @dataclass(frozen=True)
-class Relations:
+class JointRelations:
     """Relations between the columns of a joint."""
 
     command_lag_s: float
@@ -137,7 +137,7 @@ class Relations:
 
 
 @dataclass(frozen=True)
-class Motion:
+class JointMotion:
     """Motion of a joint, at the user shaft."""
 
     unit: str
@@ -171,8 +171,8 @@ class JointExamination:
     """Doubts about the joint as a whole; those about one column are in ``columns``."""
     timing: Timing | None
     """Sample rate and losses; None if the samples could not be read, with ``problem`` as reason."""
-    relations: Relations | None
-    motion: Motion | None
+    relations: JointRelations | None
+    motion: JointMotion | None
     wraps: int
     """Number of angle wraps that were unwrapped."""
     impossible: int

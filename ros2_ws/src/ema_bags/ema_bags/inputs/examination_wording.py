@@ -8,8 +8,8 @@ from ema_bags.inputs.examination import (
     Ability,
     ColumnExamination,
     JointExamination,
+    JointRelations,
     Need,
-    Relations,
     Timing,
 )
 from ema_core.wording import counted
@@ -142,7 +142,7 @@ def _of_column(column: ColumnExamination) -> list[str]:
     return lines
 
 
-def _of_relations(relations: Relations, period_s: float) -> list[str]:
+def _of_relations(relations: JointRelations, period_s: float) -> list[str]:
     lines = []
     lags = (
         (relations.speed_lag_s, "speed", "the derivative of the position"),

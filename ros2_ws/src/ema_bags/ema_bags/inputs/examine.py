@@ -31,8 +31,8 @@ from ema_bags.inputs.examination import (
     ColumnExamination,
     Examination,
     JointExamination,
-    Motion,
-    Relations,
+    JointMotion,
+    JointRelations,
     Timing,
 )
 from ema_bags.inputs.files import open_input
@@ -306,7 +306,7 @@ def _pieces(imported: Imported) -> list[dict[str, _Array]]:
 
 def _motion(
     imported: Imported, mapping: ColumnMapping, description: ActuatorDescription
-) -> Motion | None:
+) -> JointMotion | None:
     """Return the motion over all gapless runs; None without a run of several samples."""
     period = imported.rate.period
     runs = [piece["position"] for piece in _pieces(imported)]
@@ -322,7 +322,7 @@ def _motion(
     is_moving = moving_mask(all_speeds)
     moving = all_speeds[is_moving]
     if not len(moving) or travel <= 0.0:
-        return Motion("m" if is_linear else "rad", travel * size, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+        return JointMotion("m" if is_linear else "rad", travel * size, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     limit = float(np.min(moving))
     strokes, pieces = [0, 0], [0, 0]
     for run, speed in zip(runs, speeds, strict=True):
@@ -330,7 +330,7 @@ def _motion(
             strokes[direction] += 1
             pieces[direction] += 1 + int(seconds / LONGEST_STROKE_S)
     slow, fast = np.percentile(moving, [5.0, 95.0])
-    return Motion(
+    return JointMotion(
         "m" if is_linear else "rad",
         travel * size,
         strokes[0],
@@ -381,7 +381,7 @@ def _speed_factor(
     return 1.0 / ratio if ratio else math.nan
 
 
-def _relations(imported: Imported) -> tuple[Relations | None, EffortFit | None]:
+def _relations(imported: Imported) -> tuple[JointRelations | None, EffortFit | None]:
     """Return lags and factors in the longest gapless run, and the fit of the effort."""
     period, tau = imported.rate.period, imported.description.parameters.tau
     columns = max(_pieces(imported), key=lambda item: len(item["position"]), default={})
@@ -404,7 +404,7 @@ def _relations(imported: Imported) -> tuple[Relations | None, EffortFit | None]:
         part = slice(start, start + _MOST_FITTED)
         fit = fit_effort(position[part], columns["current"][part], period)
     return (
-        Relations(
+        JointRelations(
             command_lag,
             speed_lag,
             fit.lag_s if fit else math.nan,

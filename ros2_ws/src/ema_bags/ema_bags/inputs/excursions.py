@@ -10,7 +10,7 @@ MOST_IN_A_ROW: Final = 3
 """Longest excursion, in samples."""
 
 FEWEST: Final = 50
-"""Fewest samples from which the pace of a series is estimated."""
+"""Fewest samples from which the thresholds are estimated."""
 
 _USUAL_CHANGE: Final = 90.0
 _TIMES_USUAL: Final = 8.0
@@ -21,7 +21,7 @@ _RETURNS: Final = 0.5
 _NEAR: Final = 8
 
 
-class Pace(NamedTuple):
+class JumpThresholds(NamedTuple):
     """Thresholds above which a step of a series counts as a jump, in the unit of the series."""
 
     least_step: float
@@ -30,7 +30,7 @@ class Pace(NamedTuple):
     """Smallest change between successive steps that counts as a jump."""
 
     @classmethod
-    def of(cls, values: NDArray[np.float64]) -> "Pace":
+    def of(cls, values: NDArray[np.float64]) -> "JumpThresholds":
         """Estimate the thresholds from a series, ``(n,)``.
 
         Motion takes at least two steps in one direction; a jump takes one. The usual change of the
@@ -80,7 +80,7 @@ def find_excursions(
     n = len(values)
     if n < FEWEST:
         return Excursions([], None)
-    pace = Pace.of(values)
+    pace = JumpThresholds.of(values)
     steps = np.diff(values)
     changes = np.abs(np.diff(steps))
     is_jump = np.abs(steps) > pace.least_step

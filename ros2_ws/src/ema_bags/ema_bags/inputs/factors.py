@@ -44,7 +44,7 @@ _MOST_OF_ONE: Final = 2
 
 
 @dataclass(frozen=True)
-class Relations:
+class MeasuredRelations:
     """Measured relations between the columns under the unchanged mapping."""
 
     gain: float | None
@@ -76,7 +76,7 @@ class MappingChange:
     value: Any
     """Suggested value of the entry."""
 
-    relations: Relations
+    relations: MeasuredRelations
     """Measured relations that the change explains."""
 
     @property
@@ -155,7 +155,7 @@ def explain(
     if best is None:
         return None
     over_stop = is_known and reach > p.theta_stop
-    relations = Relations(gain, ratio, reach, p.theta_stop if over_stop else None)
+    relations = MeasuredRelations(gain, ratio, reach, p.theta_stop if over_stop else None)
     return [
         MappingChange(name, mistake, getattr(sources[name], mistake.kind.value), value, relations)
         for name, item in best.items()

@@ -18,7 +18,7 @@ from ema_bags.inputs.defects import (
     stream_defects,
 )
 from ema_bags.inputs.held import renewed_rows
-from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.impossible import ImpossibleSampleRepair
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.limits import limits_of
 from ema_bags.inputs.mapping import ColumnMapping
@@ -79,7 +79,10 @@ class SampleStream:
         )
         self._mapping = mapping
         limits = limits_of(mapping, description, rate.period)
-        self._impossible, self._unwrapper = ImpossibleSamples(mapping, limits), Unwrapper(mapping)
+        self._impossible, self._unwrapper = (
+            ImpossibleSampleRepair(mapping, limits),
+            Unwrapper(mapping),
+        )
         motion = tuple(
             self.filled.index(name) for name in ("command", "position") if name in self.filled
         )

@@ -8,7 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.excursions import FEWEST, MOST_IN_A_ROW, Excursions, Pace, find_excursions
+from ema_bags.inputs.excursions import (
+    FEWEST,
+    MOST_IN_A_ROW,
+    Excursions,
+    JumpThresholds,
+    find_excursions,
+)
 from ema_bags.inputs.mapping import ColumnMapping
 
 _ABSURD: Final = 1e15
@@ -40,7 +46,7 @@ class _Findings(NamedTuple):
         return np.any([self.bridged, self.dropped, *self.commands.values()], axis=0)
 
 
-class ImpossibleSamples:
+class ImpossibleSampleRepair:
     """Replaces physically impossible samples by linear interpolation.
 
     A sample is impossible if a value exceeds 1e15, if all sensor columns are 0 although its
@@ -214,8 +220,8 @@ class ImpossibleSamples:
         moving = series[np.isfinite(series) & (series != 0.0)]
         if not np.any(command == 0.0) or len(moving) < FEWEST:
             return outages, first_open
-        pace = Pace.of(moving)
-        jump = max(pace.least_step, pace.least_change)
+        thresholds = JumpThresholds.of(moving)
+        jump = max(thresholds.least_step, thresholds.least_change)
         for first, end in _runs(series == 0.0):
             before, after = series[max(first - _NEAR, 0) : first], series[end : end + _NEAR]
             length, start = end - first, max(first - len(past), 0)
@@ -241,8 +247,8 @@ class ImpossibleSamples:
         positions = np.concatenate([self._past.get("position", np.empty(0)), finite])
         if len(positions) < FEWEST:
             return False
-        pace = Pace.of(positions)
-        return step > max(pace.least_step, pace.least_change)
+        thresholds = JumpThresholds.of(positions)
+        return step > max(thresholds.least_step, thresholds.least_change)
 
     def _spikes(
         self, name: str, values: NDArray[np.float64], *, is_last: bool

@@ -104,11 +104,13 @@ class JointStates:
         self._reads_header = mapping.clock.source in ("", "header")
         self._sent_first = mapping.clock.source != "arrival"
         self._columns = {
-            joint: JointColumns(joint, self._types, {n: t.fields for n, t in self._topics.items()})
+            joint: JointCollector(
+                joint, self._types, {n: t.fields for n, t in self._topics.items()}
+            )
             for joint in mapping.joints
         }
 
-    def of_joint(self, joint: str) -> "JointColumns":
+    def of_joint(self, joint: str) -> "JointCollector":
         """Return the collector of one joint."""
         return self._columns[joint]
 
@@ -188,7 +190,7 @@ def _form(row: _Row) -> tuple[int, ...]:
     return (id(row.order), *map(len, row.values))
 
 
-class JointColumns:
+class JointCollector:
     """Collector of one joint; provides the `Collector` methods that a bridge uses.
 
     Parameters

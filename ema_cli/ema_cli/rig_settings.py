@@ -42,7 +42,7 @@ COMMAND_OPTION: Final = click.option(
 
 
 @dataclass(frozen=True)
-class Bench:
+class RigSettings:
     """Settings of a simulated actuator on its test bench."""
 
     OPTIONS: ClassVar[tuple[Callable[[ClickCommand], ClickCommand], ...]] = (
