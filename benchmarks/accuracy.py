@@ -51,7 +51,7 @@ FASTEST_TIME_S: Final = 97.0
 LONGEST_TIME_S: Final = 2900.0
 """Mean time of the thesis's slowest study, the multiple case by grey wolves [s]."""
 FLOOR_PERCENT: Final = 0.2
-"""Lower limit of the target: half of the thesis's best error, but no less than this [%]."""
+"""Smallest target of a single fault [%]; above it, half of the thesis's best mean error."""
 MULTIPLE_PERCENT: Final = 0.3
 SINGLE: Final = ("friction", "backlash", "short circuit", "eccentricity", "gain")
 DETECTED_SIGMA: Final = 2.0

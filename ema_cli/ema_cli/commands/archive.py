@@ -104,7 +104,7 @@ def archive() -> None:
 @click.argument("sources", metavar="[SOURCE]...", nargs=-1)
 @settings_options(GivenSettings)
 def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> None:
-    """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
+    """List the bags in and below each SOURCE, a folder or an address such as s3://fleet/bags.
 
     The archive stores its sources and settings for later scans. New options replace stored
     settings; only the results that depend on them are recomputed.
@@ -127,11 +127,11 @@ def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> Non
 @_ARCHIVE
 @executor_options
 def run_(folder: Path, executor: ExecutorOptions) -> None:
-    """Process outdated bags to estimates, then outdated units to health and life.
+    """Estimate the faults in outdated bags, then update health and life of outdated units.
 
     Stop it with Ctrl-C at any time; the same command resumes. Unreadable bags become rows with the
-    reason. Exit code 3: a bag cannot be read, or only in part, a unit has different tests at the
-    same time, or no window is valid.
+    reason. Exit code 3: a bag is unreadable or incomplete, a unit cannot be processed, the order of
+    a unit's tests is unknown, or no window is valid.
     """
     with Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -182,7 +182,7 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
 @_ARCHIVE
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def status_(folder: Path, as_json: bool) -> None:
-    """Count the bags and units, and list outdated ones with the reason."""
+    """Count bags, windows and units, and outdated bags by reason."""
     with Manifest(folder, writes=False) as manifest:
         settings = manifest.settings
         status, sources = manifest.status(settings), manifest.sources

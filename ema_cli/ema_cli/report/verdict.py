@@ -319,7 +319,7 @@ def _after_the_last_test(course: Course) -> list[str]:
 
 
 def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
-    """Return actions that follow from the last record, and advice to detect smaller changes."""
+    """Return actions that follow from the last record, and how to detect smaller changes."""
     actions = []
     if not last.valid:
         actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")

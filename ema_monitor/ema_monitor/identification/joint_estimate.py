@@ -98,7 +98,7 @@ def identify_record(
     Parameters
     ----------
     window
-        The record, or its refusal, for which the estimate is a refusal with the same cause.
+        The record, or its refusal, which is returned as a refused estimate with the same cause.
     description
         Description of the actuator.
     calibration
@@ -377,9 +377,10 @@ def _shifted_zero(
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
-    """Return the faults that quantities measure, their covariance, and flags of healthy faults.
+    """Return the faults that quantities measure, their covariance, and their insignificance flags.
 
-    Faults that are not measured are NaN.
+    A measured fault is insignificant if its quantity is unchanged or has decreased. Faults that are
+    not measured, and their variances, are NaN.
     """
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)

@@ -127,9 +127,9 @@ class MoveSeries:
     def _life(self) -> tuple[float, float, float] | None:
         """Return quantiles of the time to the limit [d], or None without a significant rise.
 
-        The quantiles are of random lines to the limit, pooled from two laws: the ratios of the
-        latest moves rise linearly, or their distance from healthy grows exponentially. The second
-        law needs three moves with a ratio above 1.03, otherwise all lines are of the first.
+        Random rising regression lines through the latest moves are extrapolated to the limit. Two
+        sets of lines are pooled: in one, the ratio rises linearly; in the other, its distance from
+        healthy grows exponentially. The second set needs three moves with a ratio above 1.03.
         """
         days, ratios = np.array(self._course[-_LATEST:]).T
         days = days - days[-1]
@@ -147,8 +147,8 @@ class MoveSeries:
 def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
     """Return the probability that a regression line does not rise, and random times to a limit [d].
 
-    The times are drawn from the distribution of the rising lines. For fewer than three points, or
-    points of a single time, the probability is 1 and there are no times.
+    The times are drawn from the distribution of the rising lines. With fewer than three points, or
+    if all points have the same time, the probability is 1 and there are no times.
     """
     freedom = len(days) - 2
     if freedom < 1 or not np.ptp(days) > 0.0:

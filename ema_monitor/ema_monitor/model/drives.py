@@ -221,8 +221,8 @@ def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
     The current follows its reference, less the decay within the delay of the loop, at a rate that
-    V_max limits. Resistance, inductance and torque constant belong to the driven pair (M10);
-    ``cos`` and ``sin`` belong to the angle theta_m.
+    V_max limits. Resistance, inductance and torque constant describe the driven pair (M10);
+    ``cos`` and ``sin`` are the cosine and sine of theta_m.
     """
     K = pair.K + pair.K_cos * cos + pair.K_sin * sin
     fall = pair.decay * I + K * (pair.slew * omega)
@@ -236,7 +236,7 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
     The full voltage is applied with the sign of the current error. The eccentricity follows eq.
     4.24 and 4.25 of the thesis, which do not describe the reference actuator (M11); ``cos`` and
-    ``sin`` belong to the angle theta_e.
+    ``sin`` are the cosine and sine of theta_e.
     """
     f = of_pair(position, drive.f)
     sawtooth = 2.0 * (3.0 * position - math.floor(3.0 * position))
@@ -285,7 +285,7 @@ def available_pair_current(drive: FastDrive, pair: DrivenPair, cos, sin, omega, 
     """Return the magnitude of the largest steady current in the direction of ``I`` [A].
 
     Voltage and torque limit it; it is 0 if the back-EMF exceeds the voltage. ``cos`` and ``sin``
-    belong to the angle theta_m, ``omega`` is the motor speed [rad/s].
+    are the cosine and sine of theta_m, ``omega`` is the motor speed [rad/s].
     """
     K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
     voltage = drive.V_max - math.copysign(K, I) * omega

@@ -167,8 +167,8 @@ def available_axis_current(drive: FieldOrientedDrive, stage, cos, sin, omega, I)
     """Return the magnitude of the largest steady current in the direction of ``I`` [A].
 
     Voltage and torque limit it; it is 0 if the back-EMF exceeds the voltage. ``cos`` and ``sin``
-    belong to the angle theta_m, ``omega`` is the motor speed [rad/s]. The voltage that the d axis
-    needs is neglected. ``stage`` is ignored.
+    are the cosine and sine of theta_m, ``omega`` is the motor speed [rad/s]. The voltage that the d
+    axis needs is neglected. ``stage`` is ignored.
     """
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)

@@ -62,17 +62,18 @@ def step_of_free(hessian, slope, held):
 
 @kernel(nogil=False)
 def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
-    """Return the point of the minimum of a convex quadratic function in the unit box, ``(d,)``.
+    """Return the minimiser of a convex quadratic function in the unit box, ``(d,)``.
 
-    The function is ``g (x - start) + (x - start) H (x - start) / 2``. The Hessian, ``(d, d)``, must
-    be positive definite; ``gradient``, ``(d,)``, is the gradient at ``start``.
+    The function is ``g (x - start) + (x - start) H (x - start) / 2``. Its gradient g at ``start``
+    is ``gradient``, ``(d,)``; its Hessian H is ``hessian``, ``(d, d)``, which must be positive
+    definite.
     """
     return lowest_of(hessian, gradient, start, start, np.ones(len(start), dtype=np.bool_))
 
 
 @kernel(nogil=False)
 def lowest_of_each(hessian, gradient, at, starts, free):
-    """Return the point of the minimum for each start, ``(n, d)``.
+    """Return the minimiser found from each start, ``(n, d)``.
 
     ``starts`` and ``free`` are ``(n, d)``; `lowest_of` describes the other arguments.
     """
@@ -84,11 +85,12 @@ def lowest_of_each(hessian, gradient, at, starts, free):
 
 @kernel(nogil=False)
 def lowest_of(hessian, gradient, at, start, free):
-    """Return the point of a quadratic function's minimum over the ``free`` components, ``(d,)``.
+    """Return the minimiser of a quadratic function over its ``free`` components, ``(d,)``.
 
-    The search is limited to the unit box. All other components remain at the start. Primal
-    active-set method: move towards the minimum over the free components up to the first bound, and
-    fix the component there. At a minimum, release the fixed component with the steepest descent.
+    The search is limited to the unit box. All other components keep their values in ``start``.
+    Primal active-set method: move towards the minimum over the free components up to the first
+    bound, and fix the component there. At a minimum, release the fixed component with the steepest
+    descent.
     ``gradient`` is the gradient at the point ``at``, which may differ from the start.
     """
     d = len(start)

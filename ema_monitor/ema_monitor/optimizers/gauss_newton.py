@@ -46,10 +46,10 @@ class Search(Protocol):
 class LineSearch(NamedTuple):
     """Line search along the step to the minimum of the linear model.
 
-    ``lowest`` returns the point of the minimum, ``(d,)``. ``groups`` contains the fractions of the
-    step to try, in groups: a group is evaluated in one batch, and only if no earlier group reduces
-    the cost. The first fraction of the first group must be 1, the full step, because it is accepted
-    near the optimum (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1).
+    ``lowest`` returns the minimiser of the model, ``(d,)``. ``groups`` contains the fractions of
+    the step to try, in groups: a group is evaluated in one batch, and only if no earlier group
+    reduces the cost. The first fraction of the first group must be 1, the full step, because it is
+    accepted near the optimum (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1).
     """
 
     lowest: Callable[[Linearisation], Array]

@@ -81,7 +81,7 @@ class Quadratic(NamedTuple):
         return self._replace(hessian=self.hessian + damping * np.diag(scale))
 
     def lowest(self) -> Array:
-        """Return the point of the minimum in the unit box, ``(d,)``.
+        """Return the minimiser in the unit box, ``(d,)``.
 
         The Hessian must be positive definite.
         """
@@ -90,7 +90,7 @@ class Quadratic(NamedTuple):
         return lowest_in_box(self.hessian, self.gradient, self.point)
 
     def lowest_between(self, lower: Array, upper: Array) -> Array:
-        """Return the point of the minimum between bounds, ``(d,)`` each.
+        """Return the minimiser between bounds, ``(d,)`` each.
 
         The Hessian must be positive definite.
         """
@@ -110,7 +110,7 @@ def ridge_of(normal: Array) -> float:
 
 
 def refitted(at: Linearisation, rest: Array, free: Flags) -> Array:
-    """Return the point of least cost of a linear model in the unit box, ``(d,)``.
+    """Return the minimiser of a linear model's cost in the unit box, ``(d,)``.
 
     Components that are not ``free``, ``(d,)``, keep the values in ``rest``, ``(d,)``.
     """

@@ -111,9 +111,10 @@ def followed(pace: Array, steps: Array, normal: Array) -> Array:
 def hours_of(paced_hours: Array, pace: Array, rng: np.random.Generator) -> Array:
     """Return the hours needed for an effective growth time at a wandering pace, ``(n,)`` [h].
 
-    ``paced_hours`` is the effective growth time [h] and ``pace`` the current log-pace [-]. After
-    ``STEPS`` steps, the mean pace is used for the rest, because the pace has reverted to it by
-    then.
+    ``paced_hours`` is the effective growth time [h] and ``pace`` the current log-pace [-], both
+    ``(n,)``. The pace is simulated for twice the effective growth time, in ``STEPS`` steps. Any
+    remaining growth is assumed to proceed at the mean pace. If ``paced_hours`` is much shorter than
+    ``WANDER_HOURS``, this underestimates the hours at paces below half of the mean.
     """
     step = paced_hours * _STEP_SHARE
     normal = rng.standard_normal((STEPS, paced_hours.size))

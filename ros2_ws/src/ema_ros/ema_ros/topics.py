@@ -81,7 +81,7 @@ ALIVE_BY_MANY: Final = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=ALIVE.liveliness_lease_duration,
 )
-"""Quality of service of subscriptions that track the liveliness of publishers (``ALIVE``)."""
+"""Quality of service of subscriptions to topics with an ``ALIVE`` publisher per actuator."""
 
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 SERVICE: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)

@@ -35,7 +35,7 @@ _FEW_REPEATS: Final = 1.5
 _FAR_BEYOND: Final = 2.0
 _JUMP_OF_RANGE: Final = 0.05
 _NEIGHBOURS: Final = 3
-"""Number of step changes on each side with which a jump is compared."""
+"""Number of nonzero position steps on each side with which a jump is compared."""
 _FIRST_JUDGED: Final = 20
 
 

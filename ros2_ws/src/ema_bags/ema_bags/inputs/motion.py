@@ -132,7 +132,7 @@ class ThinnedMotion:
 
     @property
     def speed_ratio(self) -> float | None:
-        """Ratio of the position change to the integral of the motor speed, ideally 1 [-].
+        """Median ratio of position change to user-shaft rotation from the speed, ideally 1 [-].
 
         Only fast motion is used, during which the gear stays on one flank. None if the speed is not
         measured or there is no fast motion.

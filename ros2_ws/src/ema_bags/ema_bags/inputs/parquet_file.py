@@ -12,9 +12,11 @@ from ema_bags.inputs.table_columns import StoredTable
 
 
 def read_parquet(path: Path, table: Table) -> StoredTable:
-    """Read a Parquet file; a named index or an index of times becomes a column.
+    """Read a Parquet file; a pandas index becomes a column.
 
-    A column of lists with ``k`` elements each becomes the columns ``name_0`` to ``name_{k-1}``.
+    An unnamed index becomes the column "time" if it contains times, else "index". Unnamed row
+    numbers and a multi-level index are dropped. A column of lists with ``k`` elements each becomes
+    the columns ``name_0`` to ``name_{k-1}``.
 
     Parameters
     ----------
