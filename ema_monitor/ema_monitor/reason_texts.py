@@ -12,7 +12,7 @@ from ema_core.columns.wording import error_text, question
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
 from ema_core.wording import counted
 from ema_monitor.quantities import QUANTITIES
-from ema_monitor.reasons import Reason, Stage, Unjudged, mistake_of
+from ema_monitor.reasons import Reason, Stage, StandstillCause, Unjudged, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
 """Names of the short circuits; if equal in all phases, they act like a smaller torque constant."""
@@ -336,12 +336,12 @@ def _joint_still(reason: of.JointStill) -> str:
         f"{reason.angle_unit}"
     )
     acting = f"{still} at an effort of {reason.effort:.2g} {reason.effort_unit}"
-    if reason.cause == "no_effort":
+    if reason.cause is StandstillCause.NO_EFFORT:
         return (
             f"{acting}, and the healthy friction is {reason.friction:.2g} {reason.effort_unit}: is "
             "the drive off, a brake applied or a phase open?"
         )
-    if reason.cause == "short_command":
+    if reason.cause is StandstillCause.SHORT_COMMAND:
         least = f"{reason.least_travel:.2g} {reason.angle_unit}"
         return f"{still}: command at least {least}, as the healthy records do"
     return f"{acting}: a blocked shaft, an open phase or a frozen sensor"

@@ -391,11 +391,21 @@ class MotorStill(Reason, code="motor_still"):
     """The motor stands still although the command moves."""
 
 
+class Subject(StrEnum):
+    """Telemetry that an estimate describes."""
+
+    WINDOW = "window"
+    STRETCH = "stretch"
+    """Stretch of ordinary motion."""
+    MOTION = "motion"
+    """Several stretches of ordinary motion, combined."""
+
+
 @dataclass(frozen=True)
 class NotDetermined(Reason, code="not_determined"):
     """The window, stretch or motion (``subject``) narrows no fault below its prior range."""
 
-    subject: str
+    subject: Subject
 
 
 # The calibration.
@@ -556,20 +566,20 @@ class WrongScale(Reason, code="wrong_scale"):
 
     columns: tuple[str, ...]
     factor: float
-    reference: str
+    reference: Reference
     mistakes: tuple[MistakeRow, ...]
 
     @classmethod
     def of(cls, error: ColumnError) -> Self:
         """Return the reason that reports a wrong column."""
         mistakes = tuple(map(mistake_row, error.mistakes))
-        return cls(error.columns, error.factor, error.reference.value, mistakes)
+        return cls(error.columns, error.factor, error.reference, mistakes)
 
     @property
     def error(self) -> ColumnError:
         """The wrong column."""
         mistakes = tuple(map(mistake_of, self.mistakes))
-        return ColumnError(self.columns, self.factor, Reference(self.reference), mistakes)
+        return ColumnError(self.columns, self.factor, self.reference, mistakes)
 
 
 # The search and its fit.
@@ -597,7 +607,7 @@ class NotConverged(Reason, code="not_converged"):
 class Contradicted(Reason, code="contradicted"):
     """A measured cause was ignored because the window, stretch or motion contradicts it."""
 
-    subject: str
+    subject: Subject
     name: str
     value: float
     sigma: float
@@ -630,7 +640,7 @@ class SensorBeyondRange(Reason, code="sensor_beyond_range"):
 class NotSeparated(Reason, code="not_separated"):
     """A part of the explanation cannot be separated from the listed alternatives."""
 
-    subject: str
+    subject: Subject
     part: tuple[str, ...]
     stand_ins: tuple[tuple[str, ...], ...]
 
@@ -655,7 +665,7 @@ class PoorFit(Reason, code="poor_fit"):
 class Unexplained(Reason, code="unexplained"):
     """Neither faults nor hidden causes explain a window, stretch or motion."""
 
-    subject: str
+    subject: Subject
     goodness: float
     limit: float
     unexplained_share: float
@@ -861,15 +871,22 @@ class EffortConstant(Reason, code="effort_constant"):
     effort: float
 
 
+class Direction(StrEnum):
+    """Direction of a stroke."""
+
+    FORWARD = "forward"
+    BACKWARD = "backward"
+
+
 @dataclass(frozen=True)
 class TooFewStrokes(Reason, code="too_few_strokes"):
-    """A record has too few strokes in a direction, "forward" or "backward".
+    """A record has too few strokes forward or backward.
 
     ``is_empty`` states whether only strokes without a payload count.
     """
 
     strokes: int
-    way: str
+    way: Direction
     least: int
     is_empty: bool = False
 
@@ -916,13 +933,22 @@ class EffortReversed(Reason, code="effort_reversed"):
     """The effort has the opposite sign of the healthy records, or belongs to another joint."""
 
 
+class StandstillCause(StrEnum):
+    """Cause of a standstill under a moving command."""
+
+    NO_EFFORT = "no_effort"
+    """The effort is far below the friction: the drive is off, or a brake is applied."""
+    SHORT_COMMAND = "short_command"
+    """The command travels less than in the healthy records: the joint need not move."""
+    FAILURE = "failure"
+    """A healthy joint would move under this effort and command."""
+
+
 @dataclass(frozen=True)
 class JointStill(Reason, code="joint_still"):
     """The joint of a record stands still although its command moves."""
 
-    cause: str
-    """Kind: "no_effort" if the effort is far below the friction, "short_command" if the command
-    travels less than in healthy records, else "failure"."""
+    cause: StandstillCause
     travel: float
     least_travel: float
     """Travel of the command, and smallest travel that shows a failure, in ``angle_unit``."""

@@ -14,7 +14,7 @@ from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
 from ema_monitor.joint.window_figures import CommandedMotion, WindowFigures
 from ema_monitor.reason_texts import EQUAL_SHORTS
-from ema_monitor.reasons import CauseFound, NotSeparated, PoorFit, StatedReason
+from ema_monitor.reasons import CauseFound, NotSeparated, PoorFit, StatedReason, Subject
 from ema_monitor.windows.band import rms
 
 from .comparisons import CASES as COMPARISONS
@@ -47,7 +47,7 @@ ESTIMATE = Estimate(
     reasons=(
         StatedReason("Größe"),
         PoorFit(0.1 + 0.2, float("inf"), 1.0 / 7.0),
-        NotSeparated("motion", ("inertia",), (EQUAL_SHORTS, ("gain",))),
+        NotSeparated(Subject.MOTION, ("inertia",), (EQUAL_SHORTS, ("gain",))),
         CauseFound("inertia", -0.05, 0.01, -0.06, 1e-300, stretches=2, of_stretches=3),
     ),
     insignificant=np.arange(8) == 2,

@@ -33,7 +33,6 @@ _NAMES: dict[str, Any] = {
     "name": "load_torque",
     "mistake": _RPM,
     "mistakes": (_RPM, ("sign", -1.0, "", "")),
-    "reference": "speed",
     "figures": (
         DepartedFigure("friction_current", math.inf, 0.1 + 0.2, 0.3),
         DepartedFigure("error_scatter_forward", 1.5, math.inf, math.inf),
@@ -83,6 +82,12 @@ def test_each_reason_is_restored_from_json(reason: Reason):
     counted = replace(reason, stretches=2, of_stretches=5)
     for item in (reason, counted):
         assert Reason.of_record(json.loads(json.dumps(item.as_record()))) == item
+
+
+def test_name_outside_of_its_set_is_refused():
+    record = made(KINDS["not_determined"]).as_record() | {"subject": "bag"}
+    with pytest.raises(ValueError, match="'bag' is not a valid Subject"):
+        Reason.of_record(record)
 
 
 def test_number_that_json_does_not_have_is_restored():

@@ -2,14 +2,14 @@
 """Data classes for errors of telemetry columns."""
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import ClassVar, Self
 
 from ema_core.columns.mistakes import Kind, Mistake, mistakes_of, usual_mistakes
 from ema_core.columns.tolerances import NEAR, NEAR_MODEL
 
 
-class Reference(Enum):
+class Reference(StrEnum):
     """Reference with which a column is compared."""
 
     POSITION = "position"

@@ -23,7 +23,7 @@ from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.quantiles import within_range
 from ema_monitor.identification.uncertainty import PLANE, widening
 from ema_monitor.identification.verdict import Misfit, assumed_goodness, judged
-from ema_monitor.reasons import CauseFound, Contradicted, FaultsNotShown, Reason
+from ema_monitor.reasons import CauseFound, Contradicted, FaultsNotShown, Reason, Subject
 
 
 def combined_estimate(
@@ -83,7 +83,7 @@ def combined_estimate(
         *_causes_found(causes),
     ]
     verdict = judged(
-        "motion",
+        Subject.MOTION,
         misfit,
         last.goodness_limit,
         unknown,
@@ -148,7 +148,7 @@ def _contradictions(parts: Sequence[WindowResult]) -> list[Reason]:
     by_name = _by_name(part.contradicted for part in parts)
     return [
         Contradicted(
-            "motion",
+            Subject.MOTION,
             *_most_significant([causes])[0],
             stretches=len(causes),
             of_stretches=len(parts),

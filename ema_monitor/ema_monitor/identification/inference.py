@@ -44,7 +44,7 @@ from ema_monitor.model.deviations import NAMES
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
 from ema_monitor.optimizers.linear_model import Linearisation
-from ema_monitor.reasons import CauseFound, Contradicted, Reason
+from ema_monitor.reasons import CauseFound, Contradicted, Reason, Subject
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
@@ -202,7 +202,7 @@ class Inference:
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
         limit = goodness_limit(faults, settings.goodness_limit)
-        subject = "window" if self._knowledge is None else "stretch"
+        subject = Subject.WINDOW if self._knowledge is None else Subject.STRETCH
         verdict = judged(
             subject,
             misfit,

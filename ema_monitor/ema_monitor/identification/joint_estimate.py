@@ -41,7 +41,7 @@ from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, Signals, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
-from ema_monitor.joint.standstill import StandstillCause, standstill_of
+from ema_monitor.joint.standstill import standstill_of
 from ema_monitor.joint.zero import zero_shift
 from ema_monitor.reasons import (
     EffortMissing,
@@ -59,6 +59,7 @@ from ema_monitor.reasons import (
     SpeedGaps,
     SpeedScaled,
     SpikesRemoved,
+    StandstillCause,
     TooFewRows,
     TooFewStrokes,
     mistake_row,

@@ -22,6 +22,7 @@ from ema_monitor.reasons import (
     PoorFit,
     Reason,
     SensorBeyondRange,
+    Subject,
     Unexplained,
 )
 
@@ -79,7 +80,7 @@ def assumed_goodness(faults: Array, goodness: float) -> float:
 
 
 def judged(
-    subject: str,
+    subject: Subject,
     misfit: Misfit,
     limit: float,
     unobservable: Flags,
@@ -93,7 +94,7 @@ def judged(
     Parameters
     ----------
     subject
-        Noun for the identified samples: window, stretch or motion.
+        Telemetry that the estimate describes.
     misfit, limit
         Misfit of the estimate, and largest goodness of fit at which the faults explain the window.
     unobservable
@@ -123,7 +124,7 @@ def judged(
     return {"verdict": verdict, "valid": not defects, "reasons": reasons}
 
 
-def not_separated(subject: str, alternatives: Iterable[Alternative]) -> list[NotSeparated]:
+def not_separated(subject: Subject, alternatives: Iterable[Alternative]) -> list[NotSeparated]:
     """Return a reason for each part of an explanation that has alternatives."""
     stand_ins: dict[Part, list[Part]] = {}
     for part, stand_in in alternatives:

@@ -17,7 +17,14 @@ from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
 from ema_monitor.joint.shape import Shape, fit_record, friction_error_square
 from ema_monitor.joint.signals import Fine, Preparation, Signals, filtered
-from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows, TooFewStrokes
+from ema_monitor.reasons import (
+    Direction,
+    EffortConstant,
+    Reason,
+    SpeedOutside,
+    TooFewRows,
+    TooFewStrokes,
+)
 
 NS_A_DAY: Final = 86_400_000_000_000
 """Nanoseconds per day."""
@@ -118,11 +125,11 @@ def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:
         return TooFewRows(len(signals), FEWEST_ROWS)
     if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):
         return EffortConstant(float(np.mean(signals.effort)))
-    for direction, name in ((1, "forward"), (-1, "backward")):
+    for direction, way in ((1, Direction.FORWARD), (-1, Direction.BACKWARD)):
         if (strokes := signals.strokes(direction)) < FEWEST_REVERSING:
-            return TooFewStrokes(strokes, name, FEWEST_REVERSING, preparation.is_empty)
+            return TooFewStrokes(strokes, way, FEWEST_REVERSING, preparation.is_empty)
         if (strokes := signals.pieces(direction)) < FEWEST_STROKES:
-            return TooFewStrokes(strokes, name, FEWEST_STROKES, preparation.is_empty)
+            return TooFewStrokes(strokes, way, FEWEST_STROKES, preparation.is_empty)
     ratio = signals.usual_speed / preparation.usual_speed
     return None if SLOWEST <= ratio <= FASTEST else SpeedOutside(ratio, SLOWEST, FASTEST)
 

@@ -2,7 +2,6 @@
 """Classification of a standstill under a moving command: failure, drive off, or short command."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from ema_core.linear import DisplayUnit
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
-from ema_monitor.reasons import JointStill
+from ema_monitor.reasons import JointStill, StandstillCause
 
 _LARGE_EFFORT: Final = 0.9
 """Quantile of the absolute effort that counts as the effort of a standstill [-]."""
@@ -19,17 +18,6 @@ _ACTING: Final = 0.5
 _FAR: Final = 0.5
 """Smallest command travel that should move the joint, relative to the shortest healthy record [-].
 """
-
-
-class StandstillCause(StrEnum):
-    """Cause of a standstill under a moving command."""
-
-    NO_EFFORT = "no_effort"
-    """The effort is far below the friction: the drive is off, or a brake is applied."""
-    SHORT_COMMAND = "short_command"
-    """The command travels less than in the healthy records: the joint need not move."""
-    FAILURE = "failure"
-    """A healthy joint would move under this effort and command."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import pytest
 
 from ema_core.linear import DisplayUnit, angle_shown
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.joint.standstill import Standstill, StandstillCause, standstill_of
+from ema_monitor.joint.standstill import Standstill, standstill_of
 from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import StandstillCause
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
 
