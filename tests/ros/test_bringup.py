@@ -129,7 +129,7 @@ LAUNCH_FILES = {
     "attach.launch.py": {},
     "bridge.launch.py": {},
     "robot.launch.py": {},
-    "fleet.launch.py": {},
+    "actuators.launch.py": {},
     "monitor.launch.py": {},
     "replay.launch.py": {"bag": "worn"},
 }
@@ -273,7 +273,7 @@ def test_parameter_file_can_be_replaced(tmp_path):
 
 @pytest.mark.usefixtures("launch_modules")
 def test_fleet_is_actuators_on_the_topics_of_one_monitor():
-    nodes = nodes_of("fleet.launch.py", calibration_file="/c/{actuator_id}.yaml")
+    nodes = nodes_of("actuators.launch.py", calibration_file="/c/{actuator_id}.yaml")
     assert overrides_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
     remapped = dict(nodes["/ema/left/actuator"]["remappings"])
     assert remapped["telemetry"] == "/ema/telemetry"
@@ -282,7 +282,7 @@ def test_fleet_is_actuators_on_the_topics_of_one_monitor():
 
 
 @pytest.mark.usefixtures("launch_modules")
-@pytest.mark.parametrize("name", ["fleet.launch.py", "monitor.launch.py"])
+@pytest.mark.parametrize("name", ["actuators.launch.py", "monitor.launch.py"])
 def test_each_monitor_of_several_has_a_name_a_shard_and_a_file(name, tmp_path, monkeypatch):
     at_exit = []
     monkeypatch.setattr(
@@ -293,7 +293,7 @@ def test_each_monitor_of_several_has_a_name_a_shard_and_a_file(name, tmp_path, m
     nodes = nodes_of(name, monitors="2", monitor_params=str(file), history_folder="kept")
     first, second = (nodes[f"monitor_{index}"] for index in range(2))
     shared = {"history_folder": "kept", "shard.count": 2}
-    if name == "fleet.launch.py":
+    if name == "actuators.launch.py":
         shared["actuators"] = ["left", "right"]
     assert overrides_of(first) == {**shared, "shard.index": 0}
     assert overrides_of(second) == {**shared, "shard.index": 1}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import synthetic_fleet as fleet
+import synthetic_units as synthetic
 
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
@@ -40,7 +40,7 @@ _FIELDS = FaultVector.get_fields_and_field_types()
 
 
 @dataclass
-class Joint(fleet.Unit):
+class Joint(synthetic.Unit):
     """A joint that learns its baseline, or whose friction grows from record to record."""
 
     change: float = 0.0
@@ -65,7 +65,7 @@ class Joint(fleet.Unit):
     def change_at(self, test: int) -> float:
         """Return the relative change of friction in a record, including noise [-]."""
         growth = math.exp(4.0 * (test - self.tests) / max(self.tests, 1))
-        noise = np.random.default_rng([fleet.hash_of(self.actuator_id), test]).normal()
+        noise = np.random.default_rng([synthetic.hash_of(self.actuator_id), test]).normal()
         return self.change * growth + SIGMA * float(noise)
 
     def level_of(self, test: int) -> int:
@@ -103,7 +103,7 @@ def robots(count: int, seed: int = 0) -> list[Joint]:
 
 
 def description(joint: Joint, now_ns: int) -> ActuatorDescription:
-    return fleet.message_of(
+    return synthetic.message_of(
         joint, ActuatorDescription, now_ns, drive=UNKNOWN_DRIVE, sample_period=0.002,
         effort_kind=1, torque_constant=1.0, gear_ratio=1.0,
     )  # fmt: skip
@@ -114,7 +114,7 @@ def baseline(joint: Joint, now_ns: int) -> BaselineStatus:
     is_known = joint.records >= MIN_RECORDS
     same_day = 0.3 / math.sqrt(joint.records) if is_known else math.nan
     advice = ["3 more healthy records on 2 more days would lower 22 % to 12 %"] if is_known else []
-    return fleet.message_of(
+    return synthetic.message_of(
         joint,
         BaselineStatus,
         now_ns,
@@ -131,7 +131,7 @@ def baseline(joint: Joint, now_ns: int) -> BaselineStatus:
         reason=joint.reason,
         calibration_id="" if joint.is_learning else f"{joint.actuator_id} 2031-03-12",
         author=joint.author,
-        accepted=stamp_to_message(0 if joint.is_learning else now_ns - 40 * 86_400 * fleet.NS),
+        accepted=stamp_to_message(0 if joint.is_learning else now_ns - 40 * 86_400 * synthetic.NS),
     )
 
 
@@ -178,13 +178,13 @@ def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
         measured[0].value = joint.temperature
     common = {
         "window": joint.window,
-        "window_start": stamp_to_message(now_ns - 20 * fleet.NS),
+        "window_start": stamp_to_message(now_ns - 20 * synthetic.NS),
         "window_end": stamp_to_message(now_ns),
         "measured": measured,
         "algorithm": "inverse_dynamics",
     }
     if joint.is_learning:
-        return fleet.message_of(
+        return synthetic.message_of(
             joint, FaultEstimate, now_ns, **common, verdict=FaultEstimate.REFUSED, valid=False,
             lacks_calibration=True, reason=_progress(joint), reason_codes=["learning"],
         )  # fmt: skip
@@ -193,7 +193,7 @@ def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
     has_departed = any(quantity.judgement == QuantityChange.CHANGED for quantity in quantities)
     covariance = np.full((8, 8), math.nan)
     covariance[0, 0] = (SIGMA / _FRICTION.slope) ** 2
-    return fleet.message_of(
+    return synthetic.message_of(
         joint,
         FaultEstimate,
         now_ns,
@@ -222,7 +222,7 @@ def health(joint: Joint, now_ns: int) -> Health:
     if joint.is_learning and joint.level is None:
         level = STALE
     value = max(joint.change_at(joint.tests), 0.0) / _FRICTION.slope
-    unknown = fleet.unknown_life("no growth is known")
+    unknown = synthetic.unknown_life("no growth is known")
     names = [name for name, *_ in joint.changed]
     if joint.change > 0.15:
         names.insert(0, "friction")
@@ -230,7 +230,7 @@ def health(joint: Joint, now_ns: int) -> Health:
         WARN: f"{' and '.join(names)} changed (friction warns above +25 %, fails above +50 %)"
     }
     causes[ERROR] = f"friction +{100 * joint.change:.0f} % (warns above +25 %, fails above +50 %)"
-    return fleet.message_of(
+    return synthetic.message_of(
         joint,
         Health,
         now_ns,
@@ -270,7 +270,7 @@ def curve(joint: Joint, now_ns: int) -> FrictionCurve:
     low, high = friction - width, friction + width
     low[-1] = high[-1] = math.nan
     fields = {"speed": speed, "healthy_low": low, "healthy_high": high, "latest": latest}
-    return fleet.message_of(joint, FrictionCurve, now_ns, unit="N.m", **fields)
+    return synthetic.message_of(joint, FrictionCurve, now_ns, unit="N.m", **fields)
 
 
 def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
@@ -283,7 +283,9 @@ def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitH
         sigmas[index] = SIGMA / _FRICTION.slope
         tests.append(
             UnitTest(
-                stamp=stamp_to_message(now_ns - int((joint.tests - number) * period_s * fleet.NS)),
+                stamp=stamp_to_message(
+                    now_ns - int((joint.tests - number) * period_s * synthetic.NS)
+                ),
                 flight_hours=math.nan,
                 cycles=number,
                 faults=faults,
@@ -298,13 +300,13 @@ def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitH
         )
     events = [
         UnitEvent(
-            stamp=stamp_to_message(now_ns - 100 * fleet.NS),
+            stamp=stamp_to_message(now_ns - 100 * synthetic.NS),
             flight_hours=math.nan,
             kind="calibration",
             text=f"baseline accepted by {joint.author}",
         )
     ]
-    return fleet.message_of(
+    return synthetic.message_of(
         joint, UnitHistory, now_ns, tests=tests, events=[] if joint.is_learning else events
     )
 

@@ -27,8 +27,8 @@ from typing import Any
 from unittest.mock import AsyncMock
 
 import numpy as np
-import synthetic_fleet as fleet
 import synthetic_joints as joints
+import synthetic_units as synthetic
 from rclpy.serialization import serialize_message
 
 from ema_dashboard.access import Access
@@ -54,10 +54,10 @@ _STREAMS = {"telemetry", "/diagnostics"}
 
 
 class Server:
-    """A server with a fleet and the latest message of each actuator and topic."""
+    """A server with several actuators, and the latest message of each actuator and topic."""
 
     def __init__(self, count: int, joint_count: int, period_s: float, channels: list[str]) -> None:
-        units: list[fleet.Unit] = [*fleet.units(count), *joints.robots(joint_count)]
+        units: list[synthetic.Unit] = [*synthetic.units(count), *joints.robots(joint_count)]
         self.units = {unit.actuator_id: unit for unit in units}
         self.period_s = period_s
         self.tested_ns: dict[str, int] = {}
@@ -70,30 +70,32 @@ class Server:
         self.running: threading.Event | None = None
         now = time.time_ns()
         for number, unit in enumerate(self.units.values()):
-            self.add(unit, now - int(period_s * fleet.NS * number / len(units)))
+            self.add(unit, now - int(period_s * synthetic.NS * number / len(units)))
 
-    def add(self, unit: fleet.Unit, now_ns: int) -> None:
+    def add(self, unit: synthetic.Unit, now_ns: int) -> None:
         if isinstance(unit, joints.Joint):
             description = joints.description(unit, now_ns)
         else:
-            description = fleet.description(unit, now_ns)
+            description = synthetic.description(unit, now_ns)
         self.publish_latched("actuator_description", unit, description)
         self.tested_ns[unit.actuator_id] = now_ns
         self.publish_window(unit, now_ns)
 
     def publish_window(
-        self, unit: fleet.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
+        self, unit: synthetic.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
     ) -> None:
         """Publish estimate, health, forecast, advice and fit of a window of a unit."""
         if isinstance(unit, joints.Joint):
             self.publish_record(unit, now_ns)
             return
-        self.publish_latched("fault_estimate", unit, fleet.estimate(unit, now_ns, refused, verdict))
+        self.publish_latched(
+            "fault_estimate", unit, synthetic.estimate(unit, now_ns, refused, verdict)
+        )
         if not refused:
-            self.publish_latched("health", unit, fleet.health(unit, now_ns))
-            self.publish_latched("health_forecast", unit, fleet.forecast(unit, now_ns))
-            self.publish_latched("advice", unit, fleet.advice(unit, now_ns))
-        self.publish_latched("window_fit", unit, fleet.window_fit(unit, now_ns))
+            self.publish_latched("health", unit, synthetic.health(unit, now_ns))
+            self.publish_latched("health_forecast", unit, synthetic.forecast(unit, now_ns))
+            self.publish_latched("advice", unit, synthetic.advice(unit, now_ns))
+        self.publish_latched("window_fit", unit, synthetic.window_fit(unit, now_ns))
 
     def publish_record(self, joint: joints.Joint, now_ns: int) -> None:
         """Publish baseline, estimate, health and friction curve of a record of a joint."""
@@ -111,7 +113,7 @@ class Server:
         joints.change_baseline(joint, request)
         self.publish_record(joint, time.time_ns())
 
-    def publish_latched(self, topic: str, unit: fleet.Unit, message: Any) -> None:
+    def publish_latched(self, topic: str, unit: synthetic.Unit, message: Any) -> None:
         with self.lock:
             self.latest[topic, unit.actuator_id] = message
             self.publish(topic, message, latched_by=unit.actuator_id)
@@ -126,10 +128,10 @@ class Server:
 
     def start(self, port: int) -> int:
         hub = Hub()
-        channels = {topic.name: topic for topic in known_topics([fleet.NAMESPACE])}
+        channels = {topic.name: topic for topic in known_topics([synthetic.NAMESPACE])}
         for name in self.names:
             hub.add(channels[full_name(name)])
-        hub.offer_playback((0, int(BAG_S * fleet.NS)))
+        hub.offer_playback((0, int(BAG_S * synthetic.NS)))
         for unit in self.units.values():
             topic = full_name("unit_history")
             hub.keep(topic, unit.actuator_id, lambda unit=unit: self.history(unit), 0)
@@ -156,14 +158,14 @@ class Server:
             self.server.stop()
             self.server = None
 
-    def history(self, unit: fleet.Unit) -> bytes:
+    def history(self, unit: synthetic.Unit) -> bytes:
         tested_ns = self.tested_ns[unit.actuator_id]
         return serialize_message(self.tests_of(unit, tested_ns))
 
-    def tests_of(self, unit: fleet.Unit, now_ns: int, first: int = 1) -> Any:
+    def tests_of(self, unit: synthetic.Unit, now_ns: int, first: int = 1) -> Any:
         if isinstance(unit, joints.Joint):
             return joints.history(unit, now_ns, self.period_s, first)
-        return fleet.history(unit, now_ns, self.period_s, first)
+        return synthetic.history(unit, now_ns, self.period_s, first)
 
     def record_request(self, data: bytes) -> None:
         """Record a request to the player."""
@@ -197,7 +199,7 @@ class Server:
                 self.test(units[number % len(units)])
                 number += 1
             if now >= reported:
-                self.publish("/diagnostics", fleet.diagnostics(units, time.time_ns()))
+                self.publish("/diagnostics", synthetic.diagnostics(units, time.time_ns()))
                 reported = now + 1.0
 
     def _telemetry(
@@ -209,29 +211,29 @@ class Server:
         streaming = set(range(int(share * len(units))))
         start, number = time.monotonic(), 0
         first_ns = time.time_ns()
-        # Serialised once, because creating these messages for a fleet takes too long.
+        # Serialised once, because creating these messages for hundreds of actuators takes too long.
         cache = {}
         while not stopped.wait(0.002):
             while number < (time.monotonic() - start) * 100.0:
-                stamp_ns = first_ns + number * fleet.NS // 100
+                stamp_ns = first_ns + number * synthetic.NS // 100
                 for i, unit in enumerate(units):
                     phase = (number / 100.0 - i * period_s / len(units)) % period_s
                     if unit.actuator_id == opened:
-                        self.publish("telemetry", fleet.block(unit, number, stamp_ns))
+                        self.publish("telemetry", synthetic.block(unit, number, stamp_ns))
                     elif i in streaming and phase < TEST_S:
                         if i not in cache:
-                            cache[i] = serialize_message(fleet.block(unit, 0, stamp_ns))
+                            cache[i] = serialize_message(synthetic.block(unit, 0, stamp_ns))
                         self.publish("telemetry", cache[i])
                 number += 1
 
-    def move(self, unit: fleet.Unit, stretches: int) -> None:
+    def move(self, unit: synthetic.Unit, stretches: int) -> None:
         """Publish an estimate from stretches of ordinary motion, without a fit."""
         unit.window += 1
-        estimate = fleet.estimate(unit, time.time_ns())
+        estimate = synthetic.estimate(unit, time.time_ns())
         estimate.stretches = stretches
         self.publish_latched("fault_estimate", unit, estimate)
 
-    def test(self, unit: fleet.Unit, refused: str = "", verdict: int = REFUSED) -> None:
+    def test(self, unit: synthetic.Unit, refused: str = "", verdict: int = REFUSED) -> None:
         unit.window += 1
         now_ns = time.time_ns()
         if not refused:
@@ -240,7 +242,7 @@ class Server:
         self.publish_window(unit, now_ns, refused, verdict)
         if refused:
             kind = "calibration" if verdict == REFUSED else "fault"
-            addition = fleet.addition(unit, now_ns, kind, refused)
+            addition = synthetic.addition(unit, now_ns, kind, refused)
         else:
             addition = self.tests_of(unit, now_ns, first=unit.tests)
             addition.is_addition, addition.events = True, []
@@ -262,8 +264,8 @@ class Server:
                     unit.records = command.get("records", unit.records)
                     self.publish_record(unit, time.time_ns())
                     return {}
-                self.publish_latched("health", unit, fleet.health(unit, time.time_ns()))
-                self.publish_latched("advice", unit, fleet.advice(unit, time.time_ns()))
+                self.publish_latched("health", unit, synthetic.health(unit, time.time_ns()))
+                self.publish_latched("advice", unit, synthetic.advice(unit, time.time_ns()))
             case "test" if unit:
                 self.test(unit, command.get("refused", ""), command.get("verdict", REFUSED))
             case "move" if unit:
@@ -289,9 +291,9 @@ class Server:
     def publish_playback(self, state: dict[str, Any]) -> None:
         message = PlaybackState(
             bag="bags/wear_of_a_flap", status=state["status"], rate=float(state["rate"]),
-            start=stamp_to_message(1_700_000_000 * fleet.NS),
-            end=stamp_to_message(int((1_700_000_000 + BAG_S) * fleet.NS)),
-            position=stamp_to_message(int((1_700_000_000 + state["position"]) * fleet.NS)),
+            start=stamp_to_message(1_700_000_000 * synthetic.NS),
+            end=stamp_to_message(int((1_700_000_000 + BAG_S) * synthetic.NS)),
+            position=stamp_to_message(int((1_700_000_000 + state["position"]) * synthetic.NS)),
             jumped=state.get("jumped", False),
         )  # fmt: skip
         message.header.stamp = message.position
@@ -301,7 +303,7 @@ class Server:
 
 
 def full_name(topic: str) -> str:
-    return topic if topic.startswith("/") else f"{fleet.NAMESPACE}/{topic}"
+    return topic if topic.startswith("/") else f"{synthetic.NAMESPACE}/{topic}"
 
 
 def plain(message: Any) -> Any:

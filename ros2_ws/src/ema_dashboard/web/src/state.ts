@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// State of the fleet. Messages arrive in batches; views are updated at most five times per second.
+// State of all actuators. Messages arrive in batches; views are updated at most five times per second.
 
 import type { FrictionTrend } from "./friction_trend.ts";
 import {

@@ -86,7 +86,7 @@ describe("an archive of 1600 units", () => {
 
   test("the page is linked only if the dashboard has an archive", async () => {
     await open("", { archive: null });
-    await page.waitForSelector("table.fleet tbody tr");
+    await page.waitForSelector("table.overview tbody tr");
     assert.equal(await page.locator("nav").count(), 0);
     await page.context().close();
     await open("", fleet);
@@ -94,7 +94,7 @@ describe("an archive of 1600 units", () => {
     await page.waitForSelector("#worst");
     assert.equal(await page.title(), "Archive · EMA health");
     await page.getByRole("link", { name: "Live" }).click();
-    await page.waitForSelector("table.fleet tbody tr");
+    await page.waitForSelector("table.overview tbody tr");
   });
 
   test("the numbers of unreadable and partly readable bags are shown", async () => {

@@ -62,8 +62,8 @@ describe("two robots, joints without a robot, and two actuators", () => {
       assert.deepEqual(ranks, [...ranks].sort(), `the worst of ${name} comes first: ${levels}`);
     }
     // Actuators with a known drive remain in the table.
-    assert.equal(await page.locator("table.fleet tbody tr").count(), 2);
-    assert.equal(await page.locator(".fleet-title .soft").innerText(), "14 joints, 2 actuators");
+    assert.equal(await page.locator("table.overview tbody tr").count(), 2);
+    assert.equal(await page.locator(".view-title .soft").innerText(), "14 joints, 2 actuators");
   });
 
   test("a cell shows friction with its interval, its trend, other changes and temperature", async () => {
@@ -107,10 +107,10 @@ describe("two robots, joints without a robot, and two actuators", () => {
     await page.getByRole("button", { name: "table" }).click();
     await chip.click();
     await until("the three learning joints", async () =>
-      (await page.locator("table.fleet tbody tr.learning").count()) === 3 &&
-      (await page.locator("table.fleet tbody tr").count()) === 3);
+      (await page.locator("table.overview tbody tr.learning").count()) === 3 &&
+      (await page.locator("table.overview tbody tr").count()) === 3);
     await page.reload();
-    await page.waitForSelector("table.fleet");
+    await page.waitForSelector("table.overview");
     assert.equal(await page.locator(".joint").count(), 0, "a reload keeps the choice of the table");
   });
 

@@ -87,9 +87,9 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   try {
     await stage.source.send({ do: "run", period: 5, telemetry: 1, open: "left_outboard_flap" });
     await page.goto(stage.address);
-    await page.waitForSelector("table.fleet tbody tr:nth-child(200)", { timeout: 30_000 });
+    await page.waitForSelector("table.overview tbody tr:nth-child(200)", { timeout: 30_000 });
     await pause(2000);
-    await measure(gauge, page, "fleet", SECONDS / 2);
+    await measure(gauge, page, "overview", SECONDS / 2);
     await page.evaluate(() => {
       // Each drawing of one of the three live plots clears its canvas once.
       const clear = CanvasRenderingContext2D.prototype.clearRect;

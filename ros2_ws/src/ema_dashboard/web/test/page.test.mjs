@@ -38,7 +38,7 @@ async function open(stage, hash = "", options = {}) {
 const row = (page, id) => page.locator(`tr[data-actuator="/ema/${id}"]`);
 const levelShown = async (page, id) => (await row(page, id).locator(".c-level").innerText()).trim();
 
-describe("a fleet of nine actuators", () => {
+describe("nine actuators", () => {
   let stage;
   let page;
   beforeEach(async () => { stage = await Stage.open(); });
@@ -48,7 +48,7 @@ describe("a fleet of nine actuators", () => {
     stage.close();
   });
 
-  test("the fleet shows the values of the messages, from worst to best", async () => {
+  test("the overview shows the values of the messages, from worst to best", async () => {
     page = await open(stage);
     await until("nine rows with the values of all messages", async () =>
       (await page.locator("tbody td.c-advice span").count()) === 9 &&
@@ -351,8 +351,8 @@ describe("a fleet of nine actuators", () => {
 
   for (const colorScheme of ["light", "dark"]) {
     for (const [name, hash, viewport] of [
-      ["fleet", "", { width: 1280, height: 900 }],
-      ["fleet on a phone", "", { width: 390, height: 844 }],
+      ["overview", "", { width: 1280, height: 900 }],
+      ["overview on a phone", "", { width: 390, height: 844 }],
       ["actuator", addressOf(WORN), { width: 1280, height: 900 }],
       ["actuator on a phone", addressOf(WORN), { width: 390, height: 844 }],
       ["evidence on a phone", addressOf(WORN, "evidence"), { width: 390, height: 844 }],
@@ -360,7 +360,7 @@ describe("a fleet of nine actuators", () => {
       test(`the page is accessible: ${name}, ${colorScheme}`, async () => {
         await stage.source.send({ do: "run", period: 20, open: WORN });
         page = await open(stage, hash, { colorScheme, viewport });
-        await page.waitForSelector(hash ? ".summary canvas" : "table.fleet tbody tr");
+        await page.waitForSelector(hash ? ".summary canvas" : "table.overview tbody tr");
         assert.deepEqual(await barriers(page), []);
         assert.ok(await overflow(page) <= 0, "wider than the screen");
       });

@@ -18,7 +18,7 @@ const ELBOW = "#/actuator/%2Fema/left%2Felbow";
 const WORN = "#/actuator/%2Fema/left_outboard_flap";
 
 const live = (options) => async (stage) => stage.source.send({ do: "run", period: 30, ...options });
-const rows = (page) => page.waitForSelector("table.fleet tbody tr");
+const rows = (page) => page.waitForSelector("table.overview tbody tr");
 const plots = (page) => page.waitForSelector(".plots.many canvas");
 const sparklines = async (page) => {
   await page.waitForSelector(".sparkline");
@@ -36,8 +36,8 @@ const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas"
 const STATES = [
   { name: "overview", hash: WORN, before: live({}), ready: plots,
     view: { width: 1440, height: 1004 }, scale: 1 },
-  { name: "fleet", before: live({}), ready: rows },
-  { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
+  { name: "overview", before: live({}), ready: rows },
+  { name: "overview_phone", before: live({}), ready: rows, view: PHONE },
   { name: "archive", hash: "#/archive", before: archived, ready: curve, full: true },
   { name: "archive_phone", hash: "#/archive", before: archived, ready: curve, view: PHONE, full: true },
   ...["faults", "life", "test", "evidence", "telemetry", "events"].flatMap((part) =>
@@ -134,7 +134,7 @@ for (const state of STATES.filter(({ name }) => !names.length || names.includes(
     await state.ready(page, stage);
     await page.waitForTimeout(500); // fonts and the plots' first drawing
     // Render elements outside the viewport, which a picture of the whole page includes.
-    await page.$$eval(".joint, .fleet tbody tr", (elements, isFull) => {
+    await page.$$eval(".joint, .overview tbody tr", (elements, isFull) => {
       for (const element of elements) if (isFull) element.style.contentVisibility = "visible";
     }, state.full ?? false);
     await page.evaluate(() => scrollTo(0, 0));

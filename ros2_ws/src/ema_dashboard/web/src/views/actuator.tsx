@@ -34,7 +34,7 @@ export function OneActuator({ state, address }: { state: State; address: Place }
   if (!actuator) {
     return (
       <main id="main" tabIndex={-1}>
-        <nav class="back"><a href="#/">← Fleet</a></nav>
+        <nav class="back"><a href="#/">← Overview</a></nav>
         <h1>{address.id}</h1>
         <Empty>
           {state.connection.state === "open" && state.topics
@@ -108,7 +108,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
     <section class={`card head ${classOf(level)}`} aria-labelledby="name">
       <div class="head-line">
         <div>
-          <nav class="back"><a href="#/">← Fleet</a></nav>
+          <nav class="back"><a href="#/">← Overview</a></nav>
           <h1 id="name">{actuator.id}</h1>
           <p class="soft">
             {actuator.serial ? `serial number ${actuator.serial}` : "no serial number"}

@@ -36,7 +36,7 @@ export function Archive({ summary, reason }: { summary?: Summary | null; reason:
   const unread = summary ? bagsInWords(summary) : "";
   return (
     <main id="main" tabIndex={-1} class="archive">
-      <h1 class="fleet-title">
+      <h1 class="view-title">
         Archive <span class="soft">{summary?.archive ?? ""}</span>
       </h1>
       {reason && (

@@ -34,7 +34,7 @@ export function parse(hash: string): Place | null {
   }
 }
 
-/** The current route: an actuator, the archive, or null for the running fleet. */
+/** The current route: an actuator, the archive, or null for the overview. */
 export function useRoute(): Place | "archive" | null {
   const [hash, set] = useState(location.hash);
   useEffect(() => {

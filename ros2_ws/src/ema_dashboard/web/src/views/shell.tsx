@@ -7,8 +7,8 @@ import type { Connection } from "../protocol.ts";
 import type { State } from "../state.ts";
 import { OneActuator } from "./actuator.tsx";
 import { Archive, useSummary } from "./archive.tsx";
-import { Fleet } from "./fleet.tsx";
 import { useApp, useSecond, useStored, useUpdates } from "./hooks.ts";
+import { Overview } from "./overview.tsx";
 import { Playback } from "./playback.tsx";
 import { ARCHIVE, useRoute } from "./route.ts";
 import { Diagnostics } from "./system.tsx";
@@ -63,7 +63,7 @@ function Home({ state }: { state: State }) {
   if (state.actuators.size === 0) return <NothingYet state={state} />;
   return (
     <>
-      <Fleet state={state} />
+      <Overview state={state} />
       <div class="below"><Diagnostics state={state} /></div>
     </>
   );

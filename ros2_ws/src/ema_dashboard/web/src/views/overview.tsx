@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Overview of the fleet, worst first.
+// Overview of all actuators, worst first.
 
 import { memo } from "preact/compat";
 import { useMemo } from "preact/hooks";
@@ -81,7 +81,7 @@ function matches(actuator: Actuator, words: string): boolean {
 
 const CHOICES = [LEVELS[2]!, LEVELS[1]!, LEVELS[3]!, LEARNING, LEVELS[0]!];
 
-export function Fleet({ state }: { state: State }) {
+export function Overview({ state }: { state: State }) {
   const [by, setBy] = useStored("ema-sort", "level");
   const [words, setWords] = useStored("ema-filter", "");
   const [shown, setShown] = useStored("ema-levels", "");
@@ -100,10 +100,10 @@ export function Fleet({ state }: { state: State }) {
 
   return (
     <main id="main" tabIndex={-1}>
-      <h1 class="fleet-title">
-        Fleet <span class="soft">{numbersOf(all)}</span>
+      <h1 class="view-title">
+        Overview <span class="soft">{numbersOf(all)}</span>
       </h1>
-      <div class="fleet-tools">
+      <div class="overview-tools">
         <div class="chips" role="group" aria-label="Show one level only">
           {CHOICES.filter((level) => hasJoints || level !== LEARNING).map((level) => (
             <button type="button" key={level.name} class={`chip ${level.name}`}
@@ -152,7 +152,7 @@ export function Fleet({ state }: { state: State }) {
         </p>
       )}
       {rows.length > 0 && (
-        <table class={`fleet ${isAdvised ? "advised" : ""}`} role="table">
+        <table class={`overview ${isAdvised ? "advised" : ""}`} role="table">
           <caption class="unseen">Actuators, {rows.length} of {all.length}</caption>
           <thead role="rowgroup">
             <tr role="row">

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Simulated actuators, monitors with a calibration for each actuator, and the dashboard.
 
-ros2 launch ema_bringup fleet.launch.py actuators:=left,right \
+ros2 launch ema_bringup actuators.launch.py actuators:=left,right \
     calibration_file:=/path/{actuator_id}.yaml
 
 One monitor serves all actuators; with ``monitors:=N``, N monitors share them.
