@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Main-thread time and memory of the page with 200 live actuators, and with 60 joints.
+// First paint of the page, its main-thread time and memory with 200 live actuators and with 60 joints.
 //
 // LOAD_S is the duration of each test [s]; from 120 s on, memory must not grow.
 
@@ -10,6 +10,7 @@ import { Stage, launchBrowser, until } from "./stage.mjs";
 
 const SECONDS = Number(process.env.LOAD_S ?? 10);
 const LONG_S = 120;
+const MOST_PAINT_MS = 1000;
 const MOST_BUSY = 0.3; // share of each second
 const MOST_GROWTH = 0.1; // relative to the memory after garbage collection
 const MOST_TASK_MS = 100; // longest task while the grid scrolls
@@ -77,6 +78,23 @@ async function measure(gauge, page, name, seconds) {
   }
   return rate;
 }
+
+test("the first paint comes within a second", async () => {
+  const stage = await Stage.open();
+  const browser = await launchBrowser();
+  try {
+    const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
+    await page.goto(stage.address);
+    await page.waitForSelector("table.overview tbody tr");
+    const paint = await page.evaluate(() =>
+      performance.getEntriesByName("first-contentful-paint")[0].startTime);
+    console.log(`first paint after ${paint.toFixed(0)} ms`);
+    assert.ok(paint < MOST_PAINT_MS, `${paint} ms`);
+  } finally {
+    await browser.close();
+    stage.close();
+  }
+});
 
 test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   const stage = await Stage.open("--actuators", 200, "--period", 5);
