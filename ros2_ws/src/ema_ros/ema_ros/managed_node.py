@@ -81,7 +81,7 @@ class ManagedNode(LifecycleNode):
         self._progress = ""
         self._configured = False
         # Values of the parameters that ``configure`` has read, and names of those changed since.
-        self._values: dict[str, str] = {}
+        self._values: dict[str, Any] = {}
         self._unused: list[str] = []
         # Entities not created by ``configure``, and entities created by ``activate``.
         self._kept: list[Any] = []

@@ -82,9 +82,9 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
         raise ValueError(f"parameter {error}") from error
 
 
-def values_at_configure(node: Node) -> dict[str, str]:
-    """Return the values of the parameters that ``configure`` reads, as texts keyed by name."""
-    return {name: repr(node.get_parameter(name).value) for name in _AT_CONFIGURE.get(node, ())}
+def values_at_configure(node: Node) -> dict[str, Any]:
+    """Return the values of the parameters that ``configure`` reads, keyed by name."""
+    return {name: node.get_parameter(name).value for name in _AT_CONFIGURE.get(node, ())}
 
 
 class _Changes(Generic[Definition]):
