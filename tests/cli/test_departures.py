@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.joint.window_figures import figures_of_row
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import UnusedCycle
@@ -154,6 +155,22 @@ def test_labelled_state_is_named_by_estimate_and_report(ema, tmp_path, simulated
     assert ema("label", calibrated, later, "--test", "1", "--state", "dry").exit_code == 2
     result = ema("label", calibrated, "--remove", "dry")
     assert "12 tests healthy, 4 tests worn screw" in result.stdout
+
+
+def test_history_is_labelled_only_with_chosen_tests(ema, tmp_path):
+    calibration = Calibration.builtin()
+    calibration.save(tmp_path / "calibration.yaml")
+    unit = calibration.actuator_id, calibration.serial_number
+    path = history_path(tmp_path, *unit)
+    history = History(*unit, path)
+    history.append(UnusedCycle(86_400 * 10**9, "departed"))
+    history.close()
+    result = ema("label", tmp_path / "calibration.yaml", path, "--state", "dry")
+    assert result.exit_code == 1
+    assert (
+        "select the tests of this state with --test NUMBER or --test DATE; the last test, number "
+        "1, has the date 1970-01-02T00:00:00"
+    ) in " ".join(result.stderr.split())
 
 
 @pytest.fixture(scope="module")

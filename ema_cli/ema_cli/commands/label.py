@@ -193,7 +193,8 @@ def _of_history(
     Raises
     ------
     ValueError
-        If the history belongs to another unit, nothing is chosen, or an item selects no test.
+        If the history belongs to another unit, nothing is chosen, or an item selects no test. The
+        message has the number and date of the last test.
     """
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
@@ -203,18 +204,22 @@ def _of_history(
         )
     tests = history.tests
     dates = [f"{datetime.fromtimestamp(1e-9 * test.stamp_ns, UTC):%FT%T}" for test in tests]
-    for item in chosen or [""]:
+    last = (
+        f"the last test, number {len(tests)}, has the date {dates[-1]}"
+        if tests
+        else "the history has no tests"
+    )
+    if not chosen:
+        raise ValueError(
+            f"select the tests of this state with --test NUMBER or --test DATE; {last}"
+        )
+    for item in chosen:
         matching = [
             test
             for number, (date, test) in enumerate(zip(dates, tests, strict=True), 1)
             if item == str(number) or ("-" in item and date.startswith(item))
         ]
         if not matching:
-            last = (
-                f"the last test, number {len(tests)}, has the date {dates[-1]}"
-                if tests
-                else "the history has no tests"
-            )
             raise ValueError(f"--test {item!r}: expected number or date of a test; {last}")
         yield from ((test.stamp_ns, test.parts) for test in matching)
 
