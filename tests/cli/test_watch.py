@@ -151,6 +151,20 @@ def test_refused_test_is_reported_until_the_next_valid_one():
     assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")
 
 
+def test_refused_test_is_not_reported_twice():
+    """The health after a refused test states the reason, perhaps worded differently."""
+    later_ns = TEST_NS + 10**10
+    health = health_of("a", STALE, None)
+    health.measured, health.reason = stamp_to_message(later_ns), "no motion in the newest test"
+    healths = received(health)
+    healths.add_estimate("/ema", refused("a", later_ns), 2.0)
+    [row] = healths.rows(3.0, later_ns + 10**9, alive)
+    assert row.why == "no motion in the newest test"
+    healths.add_estimate("/ema", refused("a", later_ns + 10**9), 4.0)
+    [row] = healths.rows(5.0, later_ns + 2 * 10**9, alive)
+    assert row.why == "no motion in the newest test; last test refused: no excitation"
+
+
 @pytest.mark.parametrize(
     ("name", "reported"),
     [

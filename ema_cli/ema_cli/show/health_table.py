@@ -20,6 +20,7 @@ from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
 from ema_monitor.quantities import FRICTION
+from ema_monitor.reasons import Learning
 from ema_ros.claims import Received, worth
 from ema_ros.stamps import stamp_from_message
 
@@ -176,10 +177,9 @@ class LatestHealths:
         test_ns = stamp_from_message(health.header.stamp)
         if actuator.refused is not None:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
-            is_shown = "learning" in actuator.refused.reason_codes or any(
-                actuator.refused.reason in reason for reason in reasons
-            )
-            if not is_shown:
+            # The health after the refused test states the reason as well.
+            is_stated = received.health.measured == actuator.refused.header.stamp
+            if not is_stated and Learning.code not in actuator.refused.reason_codes:
                 reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:
             reasons.append(actuator.friction)
@@ -247,11 +247,11 @@ def _removal_hours(health: Any) -> float:
     return health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
 
 
-def _removal(row: Row) -> str:
-    """Return the service hour before which to remove the unit, "now", or "" if unknown."""
+def _removal(row: Row, before: str = "") -> str:
+    """Return "now", or ``before`` and the service hour of the removal; "" if it is unknown."""
     if row.must_remove:
         return "now"
-    return f"{row.remove_before:,.0f} h" if math.isfinite(row.remove_before) else ""
+    return f"{before}{row.remove_before:,.0f} h" if math.isfinite(row.remove_before) else ""
 
 
 class HealthTable(TerminalDisplay):
@@ -322,14 +322,14 @@ def _line(row: Row) -> str:
     if row.learning:
         return "  ".join((row.level_text, f"{row.place}/{row.actuator_id}", row.why))
     life = _life(row)
-    removal = _removal(row)
+    removal = _removal(row, "before ")
     parts = (
         row.level_text,
         f"{row.place}/{row.actuator_id} ({row.serial_number})",
         f"index {_index(row)}",
         row.dominant,
         f"RUL {life}{' h' * (row.life is not None)}",
-        f"remove {'' if row.must_remove else 'before '}{removal}" if removal else "",
+        f"remove {removal}" if removal else "",
         f"last test {time_in_words(row.test_age_s)} ago" if row.test_ns else "no test yet",
         row.why,
     )
