@@ -10,56 +10,57 @@ import click
 from ema_core import __version__
 from ema_core.start import quiet_imports
 
-_COMMANDS: Final = {
-    "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
-    "lives": "Simulate lives of actuators, test by test, until a fault reaches its limit.",
-    "import": "Convert third-party telemetry in each FILE to a bag that all other commands read.",
-    "check": "Recognise the columns of each joint in SOURCE, find defects, and report what can be "
-    "judged.",
-    "calibrate": "Calibrate with the windows or records in BAGS of one healthy actuator.",
-    "baseline": "List, show, accept, extend and reset the learned baselines of joints.",
-    "estimate": "Estimate the faults in each window of BAG, with their uncertainty.",
-    "verify": "Recompute recorded estimates from the recorded telemetry, and compare both.",
-    "label": "Add tests of a unit in a known state, one per bag, to its CALIBRATION.",
-    "moves": "Compare each test in TABLE (CSV or Parquet, a row per move) with earlier tests.",
-    "new-actuator": "Write an actuator file from the values in a data sheet.",
-    "certify": "Predict which faults a test detects, how accurately, and which it cannot separate.",
-    "design": (
-        "Find the shortest test command that reaches target standard deviations within limits."
-    ),
-    "compare": "Compare algorithms on one window of BAG by faults, accuracy and computing time.",
-    "predict": (
-        "Predict the remaining flight hours of a unit from tests in bags or folders of bags."
-    ),
-    "learn-fleet": "Learn the fault growth of a fleet from the HISTORY of each unit.",
-    "thesis": "Repeat the thesis's study of ten single faults and a multiple fault.",
-    "report": "Write a report on a unit from the tests in bags, or folders of bags.",
-    "archive": "Store the results of a fleet's bags in tables: estimates, health, life and growth.",
-    "attach": "Monitor the joints of robots in the ROS graph until Ctrl-C, or of RECORDINGS.",
-    "watch": "Show the health of all actuators, worst first, until Ctrl-C.",
-    "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
-    "info": "Show the content of BAG: topics, actuator, telemetry, windows, and defects.",
-    "up": "Run nodes until Ctrl-C; by default simulated actuator, monitor and dashboard.",
-    "record": "Record telemetry, estimates and health until Ctrl-C.",
-    "play": "Play BAG, and publish its time on /clock.",
-    "recover": "Copy the intact part of a damaged BAG to a new bag with an index.",
-    "demo": "Watch a simulated actuator wear out, live and on the dashboard, then in a picture.",
-    "completion": "Print the shell completion script for SHELL.",
-}
-"""Commands with their help summaries, so that ``ema --help`` imports no command module."""
-
 _GROUPS: Final = {
-    "Simulate": ("simulate", "lives", "certify", "design"),
-    "Import": ("check", "new-actuator", "import", "info", "recover"),
-    "Calibrate": ("calibrate", "label", "baseline"),
-    "Diagnose": ("estimate", "moves", "verify", "plot"),
-    "Predict": ("predict", "learn-fleet", "report"),
-    "Live": ("attach", "up", "watch", "record", "play", "demo"),
-    "Archive": ("archive",),
-    "Study": ("thesis", "compare"),
-    "Shell": ("completion",),
+    "Simulate": {
+        "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
+        "lives": "Simulate lives of actuators, test by test, until a fault reaches its limit.",
+        "certify": "Predict which faults a test detects, how well, and which it cannot separate.",
+        "design": "Find the shortest test command that reaches a target accuracy within limits.",
+    },
+    "Import": {
+        "check": "Recognise the columns of each joint in SOURCE, and report defects.",
+        "new-actuator": "Write an actuator file from the values in a data sheet.",
+        "import": "Convert third-party telemetry in each FILE to a bag for the other commands.",
+        "info": "Show the content of BAG: topics, actuator, telemetry, windows, and defects.",
+        "recover": "Copy the intact part of a damaged BAG to a new bag with an index.",
+    },
+    "Calibrate": {
+        "calibrate": "Calibrate with the windows or records in BAGS of one healthy actuator.",
+        "label": "Add tests of a unit in a known state, one per bag, to its CALIBRATION.",
+        "baseline": "List, show, accept, extend and reset the learned baselines of joints.",
+    },
+    "Diagnose": {
+        "estimate": "Estimate the faults in each window of BAG, with their uncertainty.",
+        "moves": "Compare each test in TABLE (CSV or Parquet, a row per move) with earlier tests.",
+        "verify": "Recompute recorded estimates from the recorded telemetry, and compare both.",
+        "plot": "Draw the telemetry of BAG with its windows; with --window, also fit and faults.",
+    },
+    "Predict": {
+        "predict": "Predict the remaining life of a unit from tests in bags or folders of bags.",
+        "learn-fleet": "Learn the fault growth of a fleet from the HISTORY of each unit.",
+        "report": "Write a report on a unit from the tests in bags, or folders of bags.",
+    },
+    "Live": {
+        "attach": "Monitor the joints of robots in the ROS graph until Ctrl-C, or of RECORDINGS.",
+        "up": "Run nodes until Ctrl-C; by default simulated actuator, monitor and dashboard.",
+        "watch": "Show the health of all actuators, worst first, until Ctrl-C.",
+        "record": "Record telemetry, estimates and health until Ctrl-C.",
+        "play": "Play BAG, and publish its time on /clock.",
+        "demo": "Watch a simulated actuator wear out, on the terminal and on the dashboard.",
+    },
+    "Archive": {
+        "archive": "Store results of a fleet's bags in tables: estimates, health, life and growth."
+    },
+    "Study": {
+        "thesis": "Repeat the thesis's study of ten single faults and a multiple fault.",
+        "compare": "Compare algorithms on one window of BAG: faults, accuracy and computing time.",
+    },
+    "Shell": {"completion": "Print the shell completion script for SHELL."},
 }
-"""Command groups as listed in the help."""
+"""Help summaries of the commands, keyed by group and name; `ema --help` imports no command."""
+
+_COMMANDS: Final = {name: text for group in _GROUPS.values() for name, text in group.items()}
+"""Help summaries, keyed by name, in the order of the help."""
 
 _EXAMPLES: Final = {
     "simulate": "--fault friction=0.25 -o dry.mcap",
@@ -132,9 +133,9 @@ class _CommandsOnDemand(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         width = max(map(len, _COMMANDS))
-        for group, names in _GROUPS.items():
+        for group, commands in _GROUPS.items():
             with formatter.section(group):
-                formatter.write_dl([(name.ljust(width), _COMMANDS[name]) for name in names])
+                formatter.write_dl([(name.ljust(width), text) for name, text in commands.items()])
 
 
 @click.group(
@@ -147,9 +148,11 @@ class _CommandsOnDemand(click.Group):
 )
 @click.version_option(__version__, prog_name="ema")
 def main() -> None:
-    """Simulate electromechanical actuators, and detect faults in their telemetry.
+    """Detect faults in actuators and robot joints, and predict their remaining life.
+
+    Commands also simulate actuators, robot arms and whole lives.
 
     Exit codes: 0 success; 1 unusable input, or a node failed; 2 wrong usage or invalid value; 3 the
-    data can be read, but the result is refused, incomplete or not OK (the help of each command says
-    when); 128 + N signal N ended the demo.
+    data can be read, but the result is refused, incomplete or not OK (the help of each command
+    states when). If a signal ends `ema demo`, its exit code is 128 plus the number of the signal.
     """

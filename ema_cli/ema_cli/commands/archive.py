@@ -91,7 +91,7 @@ class GivenSettings:
 
 @click.group()
 def archive() -> None:
-    """Store the results of a fleet's bags in tables: estimates, health, life and growth.
+    """Store results of a fleet's bags in tables: estimates, health, life and growth.
 
     ARCHIVE is the folder of the tables. `scan` lists bags. `run` processes bags that are new, or
     whose content, calibration, settings or software has changed. `status` counts bags and units.

@@ -27,7 +27,7 @@ from ema_monitor.design.certificate import certify as certify_test
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def certify(options: RigSettings, wanted: dict[str, float], as_json: bool) -> None:
-    """Predict which faults a test detects, how accurately, and which it cannot separate.
+    """Predict which faults a test detects, how well, and which it cannot separate.
 
     No telemetry is needed: the command simulates tests of the described actuator and sensors, and
     evaluates the estimates. A fault is evaluated half-way to its limit, alone and together with

@@ -57,11 +57,12 @@ def check(
     output: Path | None,
     network: bool,
 ) -> None:
-    """Recognise the columns of each joint in SOURCE, find defects, and report what can be judged.
+    """Recognise the columns of each joint in SOURCE, and report defects.
 
     A SOURCE is a table (CSV, Parquet, .npz), a bag, the folder of a LeRobot data set, or a topic
-    of a running robot, /joint_states. The report ends with the mapping for `ema import`.
-    Exit code 3: the friction of a joint cannot be judged, or an error prevents the import.
+    of a running robot such as /joint_states. The report also lists the quantities that can be
+    judged, and ends with the mapping for `ema import`. Exit code 3: the friction of a joint cannot
+    be judged, or an error prevents the import.
     """
     if output is not None:
         files = [Path(source) for source in sources if not _is_topic(source)]

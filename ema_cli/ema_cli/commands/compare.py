@@ -59,7 +59,7 @@ class _Algorithms(click.ParamType):
 def compare(
     bag: Path, options: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:
-    """Compare algorithms on one window of BAG by faults, accuracy and computing time.
+    """Compare algorithms on one window of BAG: faults, accuracy and computing time.
 
     Each algorithm starts from the healthy actuator with the same seed and budget. If the bag
     records the true faults, the error is the distance to them in percent of their ranges. The

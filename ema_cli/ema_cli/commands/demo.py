@@ -32,7 +32,7 @@ _ROBOT_S: Final = 420.0
 )
 @network_option
 def demo(duration_s: float | None, robot: bool, output: Path | None, network: bool) -> None:
-    """Watch a simulated actuator wear out, live and on the dashboard, then in a picture.
+    """Watch a simulated actuator wear out, on the terminal and on the dashboard.
 
     When a test detects a failure, a simulated technician repairs the actuator, and wear starts
     again. The folder stores the test history, from which a restarted monitor continues. The demo

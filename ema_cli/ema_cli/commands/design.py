@@ -72,7 +72,7 @@ def design(
     overwrite: bool,
     output: Path,
 ) -> None:
-    """Find the shortest test command that reaches target standard deviations within limits.
+    """Find the shortest test command that reaches a target accuracy within limits.
 
     Limits of torque, current and speed apply to the model of the actuator, healthy and with faults,
     without the ripple of the inverter. Exit code 3: the targets cannot be reached, and no file is

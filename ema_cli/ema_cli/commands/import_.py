@@ -52,7 +52,7 @@ def import_(
     accept_defects: bool,
     output: Path,
 ) -> None:
-    """Convert third-party telemetry in each FILE to a bag that all other commands read.
+    """Convert third-party telemetry in each FILE to a bag for the other commands.
 
     A FILE is a table (CSV, Parquet, .npz), a bag of rosbag2, or the folder of a LeRobot data set.
     `ema check` recognises the columns and writes the file for --mapping. Wrong units, signs,

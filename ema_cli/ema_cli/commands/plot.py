@@ -48,7 +48,7 @@ def plot(
     output: Path | None,
     overwrite: bool,
 ) -> None:
-    """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
+    """Draw the telemetry of BAG with its windows; with --window, also fit and faults."""
     if as_history and number is not None:
         raise click.UsageError("--history and --window exclude each other")
     output = output or bag.with_suffix(".png")

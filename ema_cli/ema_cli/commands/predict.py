@@ -39,7 +39,7 @@ from ema_monitor.reports import health_report, scenario_report
 def predict(
     bags: tuple[Path, ...], options: Predicting, as_json: bool, output: Path | None, overwrite: bool
 ) -> None:
-    """Predict the remaining flight hours of a unit from tests in bags or folders of bags.
+    """Predict the remaining life of a unit from tests in bags or folders of bags.
 
     All tests belong to one unit, in the order of their stamps. The results equal the messages of a
     monitor after the last test.
