@@ -42,6 +42,8 @@ class Cause:
     """Where the cause acts."""
     meaning: str
     """Meaning of the value."""
+    column: str = ""
+    """Published column that a cause in a sensor changes; empty for other causes."""
 
 
 _PLANT = (
@@ -94,15 +96,55 @@ _PLANT = (
     ("supply_ripple", "supply ripple", "-", 0.0, 0.9, "relative amplitude, at 2400 Hz"),
 )
 _SENSOR = (
-    ("current_offset", "current sensor offset", "A", -1e3, 1e3, "offset of the current"),
-    ("current_gain", "current sensor gain", "-", -2.0, 1.0, "relative error of the current"),
-    ("speed_offset", "speed sensor offset", "rad/s", -1e3, 1e3, "offset of the speed"),
-    ("speed_gain", "speed sensor gain", "-", -2.0, 1.0, "relative error of the speed"),
-    ("position_offset", "position sensor offset", "rad", -1.0, 1.0, "offset of the position"),
-    ("position_gain", "position sensor gain", "-", -2.0, 1.0, "relative error of the position"),
-    ("current_delay", "delay of the current", "s", 0.0, 0.1, "age of the published current"),
-    ("speed_delay", "delay of the speed", "s", 0.0, 0.1, "age of the published speed"),
-    ("command_delay", "delay of the command", "s", 0.0, 0.1, "age of the published command"),
+    ("current_offset", "current sensor offset", "A", -1e3, 1e3, "offset of the current", "current"),
+    (
+        "current_gain",
+        "current sensor gain",
+        "-",
+        -2.0,
+        1.0,
+        "relative error of the current",
+        "current",
+    ),
+    ("speed_offset", "speed sensor offset", "rad/s", -1e3, 1e3, "offset of the speed", "speed"),
+    ("speed_gain", "speed sensor gain", "-", -2.0, 1.0, "relative error of the speed", "speed"),
+    (
+        "position_offset",
+        "position sensor offset",
+        "rad",
+        -1.0,
+        1.0,
+        "offset of the position",
+        "position",
+    ),
+    (
+        "position_gain",
+        "position sensor gain",
+        "-",
+        -2.0,
+        1.0,
+        "relative error of the position",
+        "position",
+    ),
+    (
+        "current_delay",
+        "delay of the current",
+        "s",
+        0.0,
+        0.1,
+        "age of the published current",
+        "current",
+    ),
+    ("speed_delay", "delay of the speed", "s", 0.0, 0.1, "age of the published speed", "speed"),
+    (
+        "command_delay",
+        "delay of the command",
+        "s",
+        0.0,
+        0.1,
+        "age of the published command",
+        "command",
+    ),
 )
 _DEFECT = (
     ("open_phase_a", "open phase A", "-", 0.0, 1.0, "1: the phase carries no current"),
@@ -113,13 +155,13 @@ _DEFECT = (
 )
 
 CAUSES: Final = tuple(
-    Cause(name, label, unit, lowest, highest, place, meaning)
+    Cause(name, label, unit, lowest, highest, place, meaning, *column)
     for place, rows in (
         (SystemPart.PLANT, _PLANT),
         (SystemPart.SENSOR, _SENSOR),
         (SystemPart.DEFECT, _DEFECT),
     )
-    for name, label, unit, lowest, highest, meaning in rows
+    for name, label, unit, lowest, highest, meaning, *column in rows
 )
 """All hidden causes."""
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.acquisition import Acquisition
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
@@ -66,6 +67,13 @@ def test_calibration_names_deviations_that_its_windows_did_not_show():
     assert calibration.of_any_motion().not_learned == calibration.not_learned
     unfitted = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
     assert unfitted.not_learned == ()
+
+
+def test_sensor_errors_of_columns_that_are_not_measured_are_not_listed():
+    unknown = replace(Calibration.builtin(), unit_covariance=100.0 * np.eye(N_DEVIATIONS))
+    assert {"current_delay", "speed_delay", "speed_loop"} <= set(unknown.not_learned)
+    without = replace(unknown, acquisition=Acquisition(speed=False)).not_learned
+    assert set(unknown.not_learned) - set(without) == {"speed_offset", "speed_gain", "speed_delay"}
 
 
 def test_dwell_is_a_rest_of_the_command_for_twenty_milliseconds():

@@ -175,7 +175,7 @@ class Calibration(StoredCalibration):
             # The prior of the load stiffness depends on the travel, which needs a command.
             if sigma[prior.name] > _LEARNED * prior.sigma
             and (travel or prior.name != "load_stiffness")
-            and not prior.name.startswith(tuple(f"{name}_" for name in self.acquisition.missing))
+            and prior.column not in self.acquisition.missing
         )
 
     @property

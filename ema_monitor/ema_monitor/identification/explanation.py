@@ -63,6 +63,7 @@ they are doubtful at any distance, as are short circuits of all phases.
 _ABOUT = 2.0
 # Causes that change the strength of the motor, with the exponent of their effect.
 _WEAKER: Final = {"torque_constant": 1.0, "inertia": -1.0}
+_LOADS: Final = ("load_torque", "load_stiffness")
 _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
     "command_delay": (1.0, 2.0, 4.0),
@@ -248,7 +249,7 @@ class Explainer:
             result[number] = 0.5 + value / (2.0 * cause.reach)
             if cause.name == "inertia":
                 result[FRICTION] = ((1.0 + 2.0 * point[FRICTION]) / factor - 1.0) / 2.0
-                for load in (n for n in self._causes if self._prior(n).name.startswith("load")):
+                for load in (n for n in self._causes if self._prior(n).name in _LOADS):
                     expected = self._prior(load).expected / (2.0 * self._prior(load).reach)
                     result[load] = 0.5 + (point[load] - 0.5 + expected) / factor - expected
         return np.clip(result, 0.0, 1.0)

@@ -66,9 +66,6 @@ N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
 """Number of sensor errors, which are the last deviations and do not affect the motion."""
 
-SENSOR_ERRORS: Final = ("offset", "gain", "delay")
-"""Suffixes of sensor errors, which follow the column name."""
-
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
 """Hidden causes that affect the inputs of the model: command and initial position."""
 
@@ -117,6 +114,12 @@ class Prior(NamedTuple):
     def cause(self) -> Cause:
         """Hidden cause with the name of the deviation."""
         return CAUSE_BY_NAME[self.name]
+
+    @property
+    def column(self) -> str:
+        """Published column that the deviation changes; empty if it changes the motion."""
+        cause = CAUSE_BY_NAME.get(self.name)
+        return cause.column if cause else ""
 
 
 def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:

@@ -12,7 +12,7 @@ from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, counted, unknown_name
-from ema_monitor.model.deviations import COLUMNS, HIDDEN_CAUSES, SENSOR_ERRORS, Prior, hidden_causes
+from ema_monitor.model.deviations import COLUMNS, HIDDEN_CAUSES, Prior, hidden_causes
 from ema_monitor.windows.window import Window
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
@@ -77,11 +77,10 @@ def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Pri
     are not measured have no sensor errors.
     """
     by_name = {cause.name: cause for cause in window.measured}
-    absent = [f"{column}_{error}" for column in window.telemetry.missing for error in SENSOR_ERRORS]
     return tuple(
         _around(by_name[prior.name], prior) if prior.name in by_name else prior
         for prior in hidden_causes(parameters, window.excitation)
-        if prior.name not in absent
+        if prior.column not in window.telemetry.missing
     )
 
 
