@@ -12,6 +12,7 @@ from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import calibrate, load_calibration
 from ema_monitor.design.certificate import Certificate, certify
 from ema_monitor.design.designing import Design, design_command
@@ -23,12 +24,15 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.monitor import Monitor, MonitorSettings
+from ema_monitor.prognosis.duty.course import FutureDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.tracker_settings import GrowthLaw, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, Refusal, TriggerSettings
@@ -47,19 +51,25 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "FaultVector",
+    "FutureDuty",
     "GrowthLaw",
     "Health",
     "HealthLimits",
+    "History",
     "Identification",
+    "JointCalibration",
     "KnownLaw",
+    "Measurement",
     "Monitor",
     "MonitorSettings",
     "MotionLimits",
     "Outlook",
     "Prognosis",
+    "PrognosisSettings",
     "RemainingLife",
     "SearchSettings",
     "Segment",
+    "Telemetry",
     "Tracker",
     "TrackerSettings",
     "TriggerSettings",
