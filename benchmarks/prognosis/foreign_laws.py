@@ -3,9 +3,9 @@
 
     python -m prognosis.foreign_laws [--lives N] [--constant N] [--laws SET] [--json FILE]
 
-Lives (foreign_lives.py) follow a set of laws of laws.py: six that the tracker was developed with,
-"held out", or "seen" and "unseen", some with jumps. The tracker does not know the law. It is
-compared on the same estimates with straight lines through all and through the last 60 tests, a
+Lives (foreign_lives.py) follow the laws of a set in laws.py: "development" (six laws that the
+tracker was developed with), "held out", "seen" or "unseen". The tracker does not know the law. It
+is compared on the same estimates with straight lines through all and through the last 60 tests, a
 quadratic, an exponential with bootstrap, and an oracle that knows the law, its parameters and its
 state.
 """
@@ -65,7 +65,10 @@ def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Fig
 
 
 def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
-    """Score lives of each law of a set, and constant lives. Run the set "held out" only once."""
+    """Score lives by each law of a set, and count predictions for lives without growth.
+
+    Run the sets "held out" and "unseen" only once, at the end.
+    """
     cases = lives_of(SETS[laws], lives)
     scores = pool.map("lives by foreign laws", scored, cases)
     constant_reports = pool.map("constant lives", reported, constant_lives(constant))

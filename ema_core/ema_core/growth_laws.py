@@ -2,8 +2,8 @@
 """Exact solutions of the laws by which faults grow in service, for arrays of any shape.
 
 u is the service time [h], x >= 0 the distance of a component from its healthy value. ``rate`` is
-the rate a [1/h], or the time scale c [h] of the power law; ``shape`` is the second parameter b, x_0
-or p [-] (P3).
+the rate a [1/h], or the time scale c [h] of ``power``. ``shape`` [-] is x_0 of ``exponential``, b
+of ``archard`` and ``self_heating``, and p of ``power`` (P3).
 """
 
 from collections.abc import Mapping

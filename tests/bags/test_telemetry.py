@@ -187,7 +187,7 @@ def test_impossible_description_is_skipped_and_named_with_its_position(tmp_path:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Return two cycles of 30 ms with different faults, and the recorded data."""
+    """Record two cycles of 30 ms. Return the description, blocks with torques, and messages."""
     description = replace(ActuatorDescription(), serial_number="SN-3")
     actuator = SimulatedActuator(description.parameters)
     path = tmp_path_factory.mktemp("bag") / "two.mcap"

@@ -23,7 +23,7 @@ WORN = {"wrist_2": 0.04}
 
 
 def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, **wear) -> None:
-    """Write a recording of joints at work: the columns of each joint, and the payload."""
+    """Write a recording of ``joints`` at work; the name "payload" adds the payload column."""
     logs = [
         arm.begin_cycle(WorkSettings(cycle_pause=0.5, healthy_cycles=0), wear)
         for _ in range(cycles)
@@ -86,7 +86,7 @@ def test_table_has_level_since_and_change_of_friction(work):
 
 
 def test_payload_makes_the_friction_of_a_loaded_joint_certain(tmp_path):
-    """Friction of the elbow rises to 1.4 times, and is reported as friction."""
+    """The friction of the elbow rises by 40 %, and is reported as friction."""
     reports = {}
     for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
         arm, folder = RobotArm(seed=5, rate=RATE), tmp_path / name

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gauss-Newton: steps compared with proved minima, choice of trials, and end of a descent."""
+"""Gauss-Newton: steps compared with verified minima, choice of trials, and end of a descent."""
 
 import numpy as np
 import pytest

@@ -54,7 +54,7 @@ def test_lost_samples_are_bridged_and_flagged(share: float):
 
 
 def test_interpolated_steps_do_not_count_as_resolution_of_the_sensor():
-    """Otherwise a sensor that toggles by its step at rest would never rest."""
+    """Otherwise, a joint whose sensor toggles between two values would never count as resting."""
     step = 2e-3
     toggling = step * (np.arange(600) % 7 == 0)
     position = np.round(np.concatenate([sine(6.0), toggling, sine(6.0)]) / step) * step

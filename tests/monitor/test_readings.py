@@ -118,7 +118,7 @@ def test_relations_are_judged_relative_to_the_healthy_windows(healthy_windows, c
 
 
 def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_windows, calibration):
-    """Ten sigma count fully next to a residual of noise, or one ten times larger by mismatch."""
+    """Four sigma cost 16, whether the residual is noise alone or ten times as large."""
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     for factor in (1.0, 10.0):
@@ -141,7 +141,7 @@ def test_unusual_cause_costs_its_distance_for_any_quality_of_the_fit(healthy_win
 
 @pytest.mark.slow
 def test_readings_measured_in_healthy_windows_are_not_deviations_of_the_unit(description):
-    """A calibration with measured causes learns the same unit as one without."""
+    """If their errors are measured, wrong readings give the same calibration as correct ones."""
     measured_values = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
     value = {name: item[0] for name, item in measured_values.items()}
     plain, wrong = recorded({}, {}), recorded({}, value)

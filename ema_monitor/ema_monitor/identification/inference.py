@@ -135,7 +135,7 @@ class Inference:
 
     @property
     def most_evaluations(self) -> int:
-        """Largest number of model evaluations for an estimate without suspected hidden causes."""
+        """Largest number of model evaluations in `result` without suspected hidden causes."""
         objective = self._objective
         return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 

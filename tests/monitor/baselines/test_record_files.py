@@ -16,7 +16,7 @@ from .healthy import START_NS, record
 
 
 def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Path):
-    """After 1,600 turns, a float32 angle is off by 0.6 mrad; an encoder resolves 0.1 mrad."""
+    """After 1,600 turns, a float32 angle is off by up to 0.5 mrad; encoders resolve 0.1 mrad."""
     window = record(0, offset=1e4)
     telemetry = window.telemetry
     lost = np.zeros(len(telemetry), dtype=bool)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Elasticity of a gear: detected if present, and harmless to friction otherwise."""
+"""Elasticity of a gear: detected only if present, and not mistaken for a change of friction."""
 
 from dataclasses import replace
 

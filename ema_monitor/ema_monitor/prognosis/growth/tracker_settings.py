@@ -108,7 +108,8 @@ class KnownLaw(Checked):
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
     """Standard deviation of the logarithm of the rate [-]."""
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
-    """Second parameter of the law: b, x_0 or p [-]."""
+    """Second parameter of the law [-]: x_0 of ``exponential``, b of ``archard`` and
+    ``self_heating``, p of ``power``, or ``shape`` of a ``GrowthLaw``."""
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
     """Diffusion s, for law ``drift`` [1/sqrt(h)]."""
 
@@ -158,8 +159,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
         Component of the fault vector.
     written
         ``LAW[:RATE[:SHAPE]]``. RATE is the median rate a [1/h]; for ``power``, it is the time scale
-        c [h]. SHAPE is the second parameter of the law: x_0, b or p [-]; for ``drift``, s
-        [1/sqrt(h)]; ``linear`` has none. LAW alone is allowed only if it is the fault's law in
+        c [h]. SHAPE is ``KnownLaw.shape`` [-]; for ``drift``, it is the diffusion s [1/sqrt(h)];
+        ``linear`` has none. LAW alone is allowed only if it is the fault's law in
         ``NOMINAL_LAWS``; the parameters are then taken from there.
 
     Raises
