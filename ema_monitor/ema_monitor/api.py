@@ -2,7 +2,8 @@
 """Public Python API: faults, health and remaining life from telemetry."""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.model.measured import measured_causes
 from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.duty.course import FutureDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -144,6 +146,8 @@ def identify_motion(
     description: ActuatorDescription | None = None,
     calibration: Calibration | None = None,
     settings: CombinationSettings | None = None,
+    *,
+    measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> list[Estimate]:
     """Return estimates of the faults from ordinary motion, without a test cycle.
 
@@ -159,19 +163,24 @@ def identify_motion(
         The actuator and its calibration; None for the built-in actuator.
     settings
         Settings of the combination of stretches.
+    measured
+        Measured hidden causes of the whole telemetry: value and standard deviation by name (see
+        `identify`).
 
     Raises
     ------
     ValueError
-        If an argument has a wrong type.
+        If an argument has a wrong type, or a measured cause is unknown or impossible.
     """
     description = value_or_default(
         "description", description, ActuatorDescription, ActuatorDescription
     )
     calibration = value_or_default("calibration", calibration, Calibration, Calibration.builtin)
     settings = value_or_default("settings", settings, CombinationSettings, CombinationSettings)
+    causes = measured_causes(value_or_default("measured", measured, Mapping, dict))
     combination = Combination(description, calibration, settings=settings)
-    stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
+    windows = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
+    stretches = [replace(window, measured=causes) for window in windows]
     steps = [step for stretch in stretches for step in combination.add(stretch)]
     return [step for step in steps if isinstance(step, Estimate)] + combination.finish()
 

@@ -128,6 +128,11 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         ("settings is of type", lambda x: public.identify(window, settings=x), (3, telemetry)),
         ("calibration is of type", lambda x: public.identify_motion(telemetry, None, x), (3,)),
         ("settings is of type", lambda x: public.identify_motion(telemetry, None, None, x), (3,)),
+        (
+            "measured is of type",
+            lambda x: public.identify_motion(telemetry, measured=x),
+            (3, [1], 0),
+        ),
         ("estimates is of type", lambda x: public.track(x, [1.0]), (estimate, 3)),
         ("hours is of type", lambda x: public.track([estimate], x), (1.0,)),
         ("limits is of type", lambda x: public.track([], [], x), (3, settings)),

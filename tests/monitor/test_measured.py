@@ -2,22 +2,19 @@
 """A measured hidden cause is separated from faults; a wrong measurement is detected."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector
-from ema_monitor.api import find_windows
+from ema_monitor.api import identify_motion
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import measured_causes, measured_causes_of
 from ema_monitor.model.measurements import MeasurementLog
-from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_sim.api import Command, simulate
 
 from .windows import recorded
@@ -114,17 +111,11 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
     moves = Command("moves", amplitude=0.008, rate=0.3, duration=3.0)
     causes = {"load_torque": 0.3, "torque_constant": -0.03}
     telemetry = simulate(FRICTION, command=moves, causes=causes)
-    measured = measured_causes({"load_torque": (0.1, 0.01), "torque_constant": (-0.03, 0.002)})
-    stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
-    combination = Combination(
-        description, calibration, settings=CombinationSettings(wanted_sigma=0.02)
+    settings = CombinationSettings(wanted_sigma=0.02)
+    measured = {"load_torque": (0.1, 0.01), "torque_constant": (-0.03, 0.002)}
+    [estimate, *_] = identify_motion(
+        telemetry, description, calibration, settings, measured=measured
     )
-    [estimate, *_] = [
-        event
-        for stretch in stretches
-        for event in combination.add(replace(stretch, measured=measured))
-        if isinstance(event, Estimate)
-    ]
     assert "contradicts it: measured load torque +0.1 ± 0.01 N.m" in estimate.reason
     assert [cause.name for cause in estimate.measured] == ["torque_constant"]
     assert abs(estimate.faults.friction - 0.2) < 3.0 * estimate.sigma.friction
