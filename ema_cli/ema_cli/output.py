@@ -79,15 +79,20 @@ def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
     return int(moment.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
 
 
-START_OPTION: Final = click.option(
-    "--start",
-    "start_ns",
-    type=click.DateTime(),
-    metavar="DATE",
-    default="1970-01-01",
-    callback=_as_stamp,
-    help="UTC time of the first cycle; use a different time for each bag.",
-)
+def start_option(meaning: str) -> Callable[..., Any]:
+    """Return the option ``--start``; the command receives ``start_ns`` [ns].
+
+    ``meaning`` is the help text.
+    """
+    return click.option(
+        "--start",
+        "start_ns",
+        type=click.DateTime(),
+        metavar="DATE",
+        default="1970-01-01",
+        callback=_as_stamp,
+        help=f"{meaning}.",
+    )
 
 
 @contextmanager

@@ -35,8 +35,8 @@ COMMAND_OPTION: Final = click.option(
     "shape",
     help=(
         "step, ramp, sine, chirp (default), swing (a chirp from rest to rest), moves (random "
-        "smooth moves with dwells), or a CSV file with angles [rad] in its last column. The "
-        "parameters command.NAME set its details."
+        "smooth moves with dwells; parameters: command.NAME), or a CSV file with angles [rad] in "
+        "its last column."
     ),
 )
 
@@ -55,7 +55,7 @@ class RigSettings:
         click.option(
             "--sample-rate",
             type=click.FloatRange(100.0, 1e6),
-            help="Sample rate of the telemetry, overrides the description [Hz].",
+            help="Sample rate of the telemetry [Hz]; overrides the actuator file.",
         ),
         click.option(
             "--current-noise",

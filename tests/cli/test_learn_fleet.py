@@ -63,6 +63,8 @@ def test_file_that_is_not_a_history_is_named(ema, fleet, tmp_path: Path):
         assert not (tmp_path / output).exists()
     result = ema("learn-fleet", fleet, "-o", tmp_path / "a.npz", "--limit", "friction=0.3")
     assert (result.exit_code, "different limits" in result.stderr) == (1, True)
+    result = ema("learn-fleet", fleet, "-o", tmp_path / "a.npz", "--limit", "bandwidth=15")
+    assert (result.exit_code, "unknown limit 'bandwidth'" in result.stderr) == (2, True)
 
 
 @pytest.mark.slow

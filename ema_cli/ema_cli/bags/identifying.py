@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final, Self
 
 import click
 
-from ema_cli.bags.reading import MEASURED_OPTION, ReadingOptions
+from ema_cli.bags.reading import MEASURED_OPTION, ReadingOptions, accept_option
 from ema_cli.options import NameChoice
 from ema_cli.parameters import Command, Parameters
 from ema_cli.progress import progress_bar
@@ -27,7 +27,7 @@ ALGORITHM_OPTION: Final = click.option(
     "--algorithm",
     type=NameChoice("algorithm", ALGORITHMS),
     metavar="NAME",
-    help=f"{', '.join(ALGORITHMS)}; by default {SearchSettings.algorithm}.",
+    help=f"Algorithm: {', '.join(ALGORITHMS)}; by default {SearchSettings.algorithm}.",
 )
 SEED_OPTION: Final = click.option(
     "--seed", type=click.IntRange(0), metavar="N", help="Seed of the algorithm."
@@ -40,6 +40,7 @@ class Identifying(ReadingOptions):
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *ReadingOptions.OPTIONS,
+        accept_option("Accept --actuator or --calibration of another unit."),
         MEASURED_OPTION,
         SEED_OPTION,
         click.option(

@@ -2,7 +2,7 @@
 """Command options for the prognosis of a unit, in addition to the identification options."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,9 +24,12 @@ from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 
-_LIMITS: Final = ((HealthLimits, "limits."), (RequirementLimits, "requirements."))
+FAULT_LIMITS: Final = ((HealthLimits, "limits."),)
+LIMITS: Final = (*FAULT_LIMITS, (RequirementLimits, "requirements."))
+"""Dataclasses of the parameters that limit faults and performance, with their prefixes."""
+
 PROGNOSIS_SECTIONS: Final = (
-    *_LIMITS,
+    *LIMITS,
     (TrackerSettings, "tracker."),
     (KnownLawTexts, "known_law."),
     (Service, ""),
@@ -35,19 +38,19 @@ PROGNOSIS_SECTIONS: Final = (
 """Dataclasses of the prognosis parameters, with their prefixes."""
 
 LIMIT_OPTION: Final = assignments_option(
-    "--limit", "limits", "Life ends at friction=0.4 or bandwidth=15 [Hz]."
+    "--limit", "limits", "End-of-life limit: friction=0.4, bandwidth=15 [Hz]."
 )
 GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     click.option(
-        "--hours-per-cycle", type=float, help="Flight hours per test; 0: from usage messages."
+        "--hours-per-cycle", type=float, help="Service hours per test; 0: from usage messages."
     ),
-    click.option("--duty", type=float, help="Growth per future hour, relative to the past."),
+    click.option("--duty", type=float, help="Growth in a future hour, relative to a past one."),
     click.option(
         "--known-law",
         "laws",
         multiple=True,
         metavar="FAULT=LAW",
-        help=f"Known growth law of a fault, {FORM}.",
+        help=f"Known growth law of a fault: {FORM}.",
     ),
     LIMIT_OPTION,
 )
@@ -89,7 +92,7 @@ class Predicting(Identifying):
             help="Ignore tests after this service hour.",
         ),
         assignments_option(
-            "--cost", "cost_figures", "Advice costs: removal=1,failure=25,lead_time=20."
+            "--cost", "cost_figures", "Costs, to get an advice: removal=1,failure=25."
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
@@ -136,8 +139,11 @@ def with_growth(
     limits: Mapping[str, float],
     laws: tuple[str, ...] = (),
     costs: Mapping[str, float] = MappingProxyType({}),
+    limited: Sequence[tuple[Any, str]] = LIMITS,
 ) -> Parameters:
     """Return parameters extended by the limits, growth laws and costs in options.
+
+    ``limited`` are the dataclasses, with prefix, whose fields can have limits.
 
     Raises
     ------
@@ -145,7 +151,7 @@ def with_growth(
         If a name is unknown, or a fault has several laws.
     """
     values: dict[str, Any] = {}
-    by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
+    by_limit = {name.partition(".")[2]: name for name in names_of(limited)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}
     for kind, figures, names in (("limit", limits, by_limit), ("cost", costs, by_cost)):
         for name, value in figures.items():

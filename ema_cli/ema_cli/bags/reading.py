@@ -44,11 +44,6 @@ class ReadingOptions(Checked):
         click.option(
             "--any-motion", is_flag=True, help="Use stretches of ordinary motion as windows."
         ),
-        click.option(
-            "--accept-defects",
-            is_flag=True,
-            help="Continue despite contradictions or a faulty unit.",
-        ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = ()
 
@@ -84,9 +79,16 @@ class ReadingOptions(Checked):
 ReadingOptions.SECTIONS = ((TriggerSettings, ""), (ReadingOptions, ""))
 
 MEASURED_OPTION: Final = click.option(
-    "--measured", multiple=True, help=f"Measured hidden cause, {GRAMMAR}: load_torque=0.1:0.005."
+    "--measured",
+    multiple=True,
+    help=f"Measured hidden cause {GRAMMAR}, e.g. load_torque=0.1:0.005.",
 )
 """Option of commands that identify windows."""
+
+
+def accept_option(meaning: str = "Use --actuator although it contradicts BAG.") -> Any:
+    """Return the option ``--accept-defects``; ``meaning`` is the help text."""
+    return click.option("--accept-defects", is_flag=True, help=meaning)
 
 
 def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:

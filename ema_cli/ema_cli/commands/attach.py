@@ -37,26 +37,28 @@ _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", 
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
-    help="Mapping of the columns; by default, `ema check` finds it.",
+    help="Mapping of the columns of RECORDINGS; by default as `ema check` recognises them.",
 )
 @click.option(
-    "--html", type=click.Path(path_type=Path, dir_okay=False), help="Page to write (.html)."
+    "--html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Page on RECORDINGS to write (.html).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the joints of RECORDINGS as JSON.")
-@click.option("--replace", "overwrite", is_flag=True, help="Replace the page.")
+@click.option("--replace", "overwrite", is_flag=True, help="Overwrite the page.")
 @click.option(
     "--joint",
     "joints",
     multiple=True,
     metavar="PATTERN",
-    help="Joint to monitor, such as elbow or 'left/*'; may be repeated.",
+    help="Joint to monitor, such as elbow or 'left/*' (repeatable).",
 )
 @click.option(
     "--topic",
     "topics",
     multiple=True,
     metavar="TOPIC",
-    help="Joint state topic to read; may be repeated.",
+    help="Joint state topic to read (repeatable).",
 )
 @click.option(
     "--effort-unit", type=click.Choice(EFFORT_UNITS), help="Unit of the effort, if it is not N.m."
@@ -97,8 +99,8 @@ def attach(
     """Monitor the joints of robots in the ROS graph until Ctrl-C, or of RECORDINGS.
 
     Live, all joints of joint state topics are listed and monitored, also joints that appear
-    later. Once its healthy motion is learned and accepted, each joint is compared with it. The
-    next run continues with the same baselines.
+    later. A joint is compared with its baseline, the healthy motion that was learned and accepted.
+    The next run continues with the same baselines.
 
     RECORDINGS are bags, tables, LeRobot data sets, or folders of them. Their records up to
     --healthy are learned, and the later ones compared. Exit code 3: a joint is above OK, or is not

@@ -31,12 +31,12 @@ def _places(command: Callable[..., Any]) -> Callable[..., Any]:
         "--folder",
         type=click.Path(path_type=Path, file_okay=False),
         help=(
-            "Folder of the baselines, without a monitor.  [default: ask the running monitor, "
-            "else ema/baselines in ROS_HOME]"
+            "Folder of baselines to use instead of the running monitor; by default "
+            "ema/baselines in ROS_HOME if no monitor runs."
         ),
     )
     monitor = click.option(
-        "--monitor", default=_MONITOR, help="Name of the monitor to ask if it is running."
+        "--monitor", default=_MONITOR, help="Name of the running monitor to ask."
     )
     return folder(monitor(network_option(command)))
 
@@ -45,7 +45,10 @@ def _changing(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the arguments of a change of a baseline to a command."""
     joint = click.argument("joint")
     person = click.option(
-        "--person", default=getpass.getuser, help="Name of the person, stored in the history."
+        "--person",
+        default=getpass.getuser,
+        show_default="user name",
+        help="Name of the person, stored in the history.",
     )
     note = click.option(
         "--note", default="", help="Reason, such as a repair; stored in the history."
@@ -63,7 +66,7 @@ def baseline() -> None:
     """List, show, accept, extend and reset the learned baselines of joints.
 
     A joint without a baseline is LEARNING: its monitor stores records until someone accepts them.
-    The command asks the running monitor; without a monitor, it reads and writes the folder.
+    The command asks the running monitor; if none is running, it reads and writes the folder.
     """
 
 

@@ -9,7 +9,13 @@ from pathlib import Path
 
 import click
 
-from ema_cli.bags.reading import MEASURED_OPTION, ReadingOptions, differing, identifiable_windows
+from ema_cli.bags.reading import (
+    MEASURED_OPTION,
+    ReadingOptions,
+    accept_option,
+    differing,
+    identifiable_windows,
+)
 from ema_cli.options import REFUSED
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import settings_options
@@ -32,7 +38,15 @@ _ENOUGH_WINDOWS = 5
 
 @click.command()
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-@settings_options(ReadingOptions, more=[MEASURED_OPTION])
+@settings_options(
+    ReadingOptions,
+    more=[
+        accept_option(
+            "Use --actuator although it contradicts a bag, and bags with simulated faults."
+        ),
+        MEASURED_OPTION,
+    ],
+)
 @output_option("Calibration file to write", dir_okay=False)
 @click.option(
     "--accepted-by",
@@ -55,7 +69,7 @@ def calibrate(
     from the rest is still used, but is reported in a warning and in the calibration. Days are UTC
     days: a session across midnight UTC counts as two days.
 
-    Exit code 3 means that a bag records simulated faults: its unit is not healthy.
+    Exit code 3: a bag records simulated faults, so that its unit is not healthy.
     """
     read = [*bags, *([options.actuator_file] if options.actuator_file else [])]
     require_free(output, read, overwrite=overwrite)

@@ -19,11 +19,9 @@ _ROBOT_S: Final = 420.0
     "--duration",
     "duration_s",
     type=click.FloatRange(5.0, 86400.0),
-    help="Duration from the first test cycle, or joint [s]; default: 60, with --robot 420.",
+    help="Duration [s] from the first test cycle or joint; by default 60, with --robot 420.",
 )
-@click.option(
-    "--robot", is_flag=True, help="Simulate an arm of six joints, and run `ema attach` on it."
-)
+@click.option("--robot", is_flag=True, help="Simulate an arm of six joints, and attach to it.")
 @click.option(
     "-o",
     "--output",

@@ -8,7 +8,13 @@ from typing import Final
 import click
 
 from ema_bags.telemetry import described_actuators
-from ema_cli.bags.reading import ReadingOptions, open_recording, read_windows, why_no_window
+from ema_cli.bags.reading import (
+    ReadingOptions,
+    accept_option,
+    open_recording,
+    read_windows,
+    why_no_window,
+)
 from ema_cli.parameters import settings_options
 from ema_core.parameters import NEUTRAL
 from ema_core.wording import counted, text_table
@@ -21,7 +27,7 @@ _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@settings_options(ReadingOptions)
+@settings_options(ReadingOptions, more=[accept_option()])
 def info(bag: Path, options: ReadingOptions) -> None:
     """Show the content of BAG: topics, actuator, telemetry, windows, and defects."""
     contents, options = open_recording(bag, options)

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from ema_bags.recording import Recording
-from ema_cli.bags.reading import ReadingOptions, identifiable_windows
+from ema_cli.bags.reading import ReadingOptions, accept_option, identifiable_windows
 from ema_cli.parameters import settings_options
 from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration
@@ -33,7 +33,7 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
 @click.command()
 @click.argument("calibration_file", metavar="CALIBRATION", type=click.Path(path_type=Path))
 @click.argument("bags", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--state", help='State of the unit in BAGS: "dry 1".')
+@click.option("--state", help='State of the unit in BAGS, such as "dry 1".')
 @click.option(
     "--state-column",
     metavar="COLUMN",
@@ -51,10 +51,10 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
     "chosen",
     metavar="NUMBER|DATE",
     multiple=True,
-    help="With a history: a test by number from 1, or tests by (the start of) their UTC time.",
+    help="With a history: number of a test, from 1, or start of a UTC time such as 2026-11-30.",
 )
 @click.option("--remove", metavar="STATE", help="Remove the tests of a state.")
-@settings_options(ReadingOptions)
+@settings_options(ReadingOptions, more=[accept_option()])
 def label(
     calibration_file: Path,
     bags: tuple[Path, ...],
@@ -67,8 +67,8 @@ def label(
 ) -> None:
     """Add tests of a unit in a known state, one per bag, to its CALIBRATION.
 
-    Later estimates then include the probabilities of each labelled state, of healthy, and of an
-    unlabelled state. A state requires three tests. A new label replaces the previous label of a
+    Later estimates then include the probability of each labelled state, of the healthy state, and
+    of any other state. A state requires three tests. A new label replaces the previous label of a
     test. Without BAGS, the command lists the states. For an unknown drive, a test is a record. For
     other drives, a history of the unit, ACTUATOR+SERIAL.sqlite, can replace the bags.
     """

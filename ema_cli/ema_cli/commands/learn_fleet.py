@@ -7,7 +7,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ema_cli.bags.predicting import LIMIT_OPTION, with_growth
+from ema_cli.bags.predicting import FAULT_LIMITS, with_growth
+from ema_cli.options import assignments_option
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Parameters
 from ema_cli.progress import progress_bar
@@ -29,7 +30,7 @@ from ema_monitor.prognosis.sentences import label_of
 )
 @output_option(f"File to write; its name ends in {SUFFIX}")
 @click.option("--name", default="", help='Name of the fleet, such as "A320 flaps".')
-@LIMIT_OPTION
+@assignments_option("--limit", "limits", "End-of-life limit of a fault: friction=0.4.")
 def learn_fleet(
     histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool
 ) -> None:
@@ -41,7 +42,8 @@ def learn_fleet(
     output.
     """
     require_free(output, histories, overwrite=overwrite, endings=[SUFFIX])
-    chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
+    parameters = with_growth(Parameters({}), limits, limited=FAULT_LIMITS)
+    chosen = parameters.over(HealthLimits(), "limits.")
     fleet = FleetGrowth(grid_digest(chosen))
     files = []
     for path in histories:

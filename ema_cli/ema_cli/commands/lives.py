@@ -9,7 +9,7 @@ import pandas as pd
 
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.options import NameChoice
-from ema_cli.output import START_OPTION
+from ema_cli.output import start_option
 from ema_cli.progress import progress_bar
 from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
@@ -25,14 +25,14 @@ INDEX: Final = "lives.csv"
     "folder",
     required=True,
     type=click.Path(path_type=Path),
-    help="New or empty folder.",
+    help="Folder to write; new or empty.",
 )
-@click.option("--count", default=1, type=click.IntRange(1, 10_000))
+@click.option("--count", default=1, type=click.IntRange(1, 10_000), help="Number of lives.")
 @click.option(
     "--seed",
     default=0,
     type=click.IntRange(0),
-    help="Seed; the lives of a seed do not depend on their number.",
+    help="Seed; the first lives of a seed do not depend on --count.",
 )
 @click.option(
     "--fault",
@@ -49,11 +49,13 @@ INDEX: Final = "lives.csv"
         "life, with true faults and estimate of each test as JSON (keys: docs/prognosis.md)."
     ),
 )
-@click.option("--constant", "is_constant", is_flag=True, help="Lives in which no fault grows.")
+@click.option(
+    "--constant", "is_constant", is_flag=True, help="Simulate lives without growing faults."
+)
 @click.option(
     "--repair", "with_repair", is_flag=True, help="Repair the dominant fault once in each life."
 )
-@START_OPTION
+@start_option("UTC time at which each life begins")
 @executor_options
 def lives(
     folder: Path,
@@ -68,7 +70,7 @@ def lives(
 ) -> None:
     """Simulate lives of actuators, test by test, until a fault reaches its limit.
 
-    A test is due every ten flight hours; 10 % of the tests are missing, and 3 % are disturbed by
+    A test is due every ten service hours; 10 % of the tests are missing, and 3 % are disturbed by
     noise or a gap. Each life belongs to a unit with its own serial number. FOLDER/lives.csv lists
     the true end, dominant fault and repair of each life.
     """

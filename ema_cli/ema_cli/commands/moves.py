@@ -23,13 +23,13 @@ from ema_monitor.reason_texts import figure_text
     "mapping_file",
     type=click.Path(path_type=Path),
     required=True,
-    help="YAML file that names the columns (docs/real-data.md).",
+    help="YAML file with the names of the columns (docs/real-data.md).",
 )
 @click.option(
     "--limit", type=float, required=True, help="Ratio to the healthy value at which life ends."
 )
 @click.option("--reference", type=int, default=5, help="Number of healthy tests at the start.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print a list with an object per test.")
 def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json: bool) -> None:
     """Compare each test in TABLE (CSV or Parquet, a row per move) with earlier tests.
 

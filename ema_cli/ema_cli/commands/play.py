@@ -18,7 +18,7 @@ from ema_cli.processes.reach import run_node
     "--topic",
     "topics",
     multiple=True,
-    help="Topic to play, full name or relative to /ema; by default all topics.",
+    help="Topic to play (repeatable), full name or relative to /ema; by default all topics.",
 )
 @click.option(
     "--only-actuator",

@@ -29,8 +29,8 @@ from ema_monitor.windows.trigger import Refusal
     "number",
     type=click.IntRange(0),
     help=(
-        "Show the fit of this window; with --any-motion, the estimate and the fit of its last "
-        "stretch."
+        "Number of the window to show with its fit, from 0; with --any-motion, of the estimate, "
+        "shown with its last stretch."
     ),
 )
 @click.option(

@@ -18,8 +18,8 @@ from ema_cli.processes.reach import run_node
     "topics",
     multiple=True,
     help=(
-        "Topic to record, full name or relative to /ema; by default all in /ema, /diagnostics "
-        "and /clock."
+        "Topic to record (repeatable), full name or relative to /ema; by default all in /ema, "
+        "/diagnostics and /clock."
     ),
 )
 @node_parameters_option

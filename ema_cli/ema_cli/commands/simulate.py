@@ -7,7 +7,7 @@ import click
 
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_cli.options import assignments_option, values_of_options
-from ema_cli.output import BAG_TO_WRITE, START_OPTION, new_bag, output_option
+from ema_cli.output import BAG_TO_WRITE, new_bag, output_option, start_option
 from ema_cli.parameters import settings_options
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.progress import progress_bar
@@ -19,19 +19,19 @@ from ema_sim.bench import ActuatorBench
 
 
 @click.command()
-@assignments_option("--fault", "faults", f"A fault in [0, 1]: {', '.join(FAULT_NAMES)}.")
+@assignments_option("--fault", "faults", f"Fault from 0 to 1: {', '.join(FAULT_NAMES)}.")
 @click.option(
     "--cause",
     "causes",
     multiple=True,
     metavar=GRAMMAR,
     help=(
-        "A hidden cause, e.g. load_torque=0.01, current_offset=0.1@3.0 (from 3 s on) or "
-        "winding_temperature=80@0..10 (a ramp); listed in docs/faults.md."
+        "Hidden cause (docs/faults.md), e.g. load_torque=0.01, current_offset=0.1@3.0 (from 3 s "
+        "on) or winding_temperature=80@0..10 (a ramp)."
     ),
 )
-@click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
-@START_OPTION
+@click.option("--cycles", default=1, type=click.IntRange(1, 100_000), help="Test cycles.")
+@start_option("UTC time of the first cycle; use a different time for each bag")
 @settings_options(RigSettings, "actuator", more=[COMMAND_OPTION])
 @output_option(BAG_TO_WRITE)
 def simulate(
@@ -45,7 +45,7 @@ def simulate(
 ) -> None:
     """Run the high-fidelity actuator through test cycles and record them to a bag.
 
-    Each cycle: slow approach from below, command, return, rest.
+    A cycle is a slow approach from below, the command, the return and a rest.
     """
     description = options.description
     with values_of_options():

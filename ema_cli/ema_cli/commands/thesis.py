@@ -29,18 +29,6 @@ from ema_study.tables import StudyTable, study_tables, write_tables
 QUICK_RUNS: Final = 2
 
 _TIMING = "timing.csv"
-_HELP: Final = "\n".join(
-    [
-        "Repeat the thesis's study of ten single faults and a multiple fault.",
-        "",
-        "Stop it with Ctrl-C at any time; the same command resumes. Further models and runs are "
-        "added to the folder. With --table, the command computes the runs of one table and "
-        "prints the table.",
-        "",
-        "Tables: 8 to 10 calibration and settings, 11 to 55 single faults, 56 and 57 multiple "
-        "fault, 58 to 61 summaries (docs/study.md).",
-    ]
-)
 
 
 def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) -> int | None:
@@ -50,7 +38,7 @@ def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) 
         raise click.BadParameter(str(error)) from error
 
 
-@click.command(help=_HELP)
+@click.command()
 @click.option(
     "-o",
     "--output",
@@ -92,7 +80,14 @@ def thesis(
     quick: bool,
     executor: ExecutorOptions,
 ) -> None:
-    """Repeat the study, or one of its tables."""
+    """Repeat the thesis's study of ten single faults and a multiple fault.
+
+    Ctrl-C stops the study at any time; the same command resumes. Further models and runs are added
+    to the folder. With --table, the command computes the runs of one table and prints the table.
+
+    Tables: 8 to 10 calibration and settings, 11 to 55 single faults, 56 and 57 multiple fault, 58
+    to 61 summaries (docs/study.md).
+    """
     if quick and runs is not None:
         raise click.UsageError("--quick and --runs exclude each other")
     runs = runs or (QUICK_RUNS if quick else RUNS)
