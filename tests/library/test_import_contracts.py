@@ -40,7 +40,7 @@ FORBIDDEN = {
         "ema_study.cases",
         "ema_study.run",
     ),
-    "the dashboard shows messages and computes nothing": ("ema_dashboard.added", "numpy"),
+    "the dashboard shows messages and estimates nothing": ("ema_dashboard.added", "numpy"),
     LAYERS: ("ema_bags.added", "ema_monitor.monitor"),
     "no file imports a package that contains it": ("ema_cli.added", "ema_cli"),
     "in the monitor node, what receives knows what works, which knows what publishes": (
