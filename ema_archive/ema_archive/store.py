@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any, Final, Self
 
 import duckdb
@@ -17,7 +18,11 @@ import pyarrow as pa
 
 from ema_archive.history_rows import HISTORY_TABLES
 from ema_archive.tables import BAG_TABLES, STAMPS, UNIT_TABLES, placed
+from ema_core.event_kinds import EventKind
 from ema_core.files import complete_file, require_regular_file
+from ema_core.levels import LEVEL_NAMES
+from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.reasons import StampsContradict
 
 FILE: Final = "archive.duckdb"
 """File name of the store in an archive."""
@@ -29,6 +34,15 @@ histories."""
 REMEDY: Final = (
     "if it is damaged, scan the bags into a new archive: its content is computed from them"
 )
+
+_IN_VIEWS: Final = {
+    "level_names": list(LEVEL_NAMES),
+    "repair": EventKind.REPAIR,
+    "step": EventKind.STEP,
+    "refused": REFUSED,
+    "stamps_contradict": StampsContradict.code,
+}
+"""Values that replace names in ``views.sql``."""
 
 _VERSION: Final = 13
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
@@ -139,12 +153,12 @@ class Store(AbstractContextManager[Any, None]):
             complete_file(self.path) as partial,
             duckdb.connect(partial, config={"default_block_size": str(_BLOCK_BYTES)}) as db,
         ):
-            _execute(db, "layout.sql")
+            db.execute(_read_sql("layout.sql"))
             for name, schema in TABLES.items():
                 db.register("_rows", placed(schema.empty_table(), "", ""))
                 db.execute(f"CREATE TABLE {name} AS SELECT * FROM _rows")
                 db.unregister("_rows")
-            _execute(db, "views.sql")
+            db.execute(Template(_read_sql("views.sql")).substitute(_IN_VIEWS))
             db.execute(
                 "INSERT INTO manifest.archive VALUES (?, ?, '', [], 0)", [_VERSION, self._id]
             )
@@ -358,5 +372,5 @@ def _is_left(path: Path) -> bool:
     return path.name == _LOCK or path.name.startswith(f"{FILE}.partial")
 
 
-def _execute(db: duckdb.DuckDBPyConnection, name: str) -> None:
-    db.execute(files("ema_archive").joinpath(name).read_text(encoding="utf-8"))
+def _read_sql(name: str) -> str:
+    return files("ema_archive").joinpath(name).read_text(encoding="utf-8")

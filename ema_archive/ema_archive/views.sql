@@ -1,12 +1,13 @@
--- Views over the tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
+-- Views over the tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE. store.py inserts the
+-- names of levels, events, verdicts and reasons.
 CREATE VIEW latest_health AS SELECT * FROM units;
 
 -- Units sorted from worst to best: by level (ERROR, WARN, STALE, OK), then by the median of the
 -- remaining life, then by health index.
 CREATE VIEW worst_first AS
 SELECT
-    model, actuator_id, serial_number, ['OK', 'WARN', 'ERROR', 'STALE'][level + 1] AS health,
-    ['OK', 'WARN', 'ERROR', 'STALE'][last_level + 1] AS last_health, dominant_fault, health_index, rul, removal_hours, flight_hours, tested,
+    model, actuator_id, serial_number, $level_names[level + 1] AS health,
+    $level_names[last_level + 1] AS last_health, dominant_fault, health_index, rul, removal_hours, flight_hours, tested,
     reason
 FROM units
 ORDER BY
@@ -37,7 +38,7 @@ SELECT
     arg_max(dominant_fault, level) AS dominant_fault,
     last(next_ns ORDER BY measured_ns) IS NOT NULL AS is_over,
     coalesce(len(list_filter(last(next_events ORDER BY measured_ns),
-        lambda event: event.kind IN ('repair', 'step'))) > 0, false) AS was_repaired
+        lambda event: event.kind IN ('$repair', '$step'))) > 0, false) AS was_repaired
 FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 
 CREATE VIEW false_alarms AS
@@ -60,7 +61,7 @@ SELECT bag, number, tested, verdict AS what, list_sort(list_distinct([item.code 
     reason, NULL AS message
 FROM estimates WHERE NOT valid
 UNION ALL
-SELECT bag, number, tested, 'refused' AS what, ['stamps_contradict'] AS codes, reason, NULL AS message
+SELECT bag, number, tested, '$refused' AS what, ['$stamps_contradict'] AS codes, reason, NULL AS message
 FROM unordered;
 
 -- Number of refusals by the codes of their reasons, and of bags by their message, with an example.
@@ -75,7 +76,7 @@ FROM refused GROUP BY what, codes, message ORDER BY count DESC, what, codes, mes
 CREATE VIEW runs_to_failure AS
 WITH lives AS (
     SELECT
-        *, count(*) FILTER (WHERE len(list_filter(events, lambda event: event.kind = 'repair')) > 0)
+        *, count(*) FILTER (WHERE len(list_filter(events, lambda event: event.kind = '$repair')) > 0)
             OVER (PARTITION BY model, unit ORDER BY measured_ns) AS life
     FROM health
 ),

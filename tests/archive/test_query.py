@@ -16,7 +16,10 @@ from ema_archive.running import scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.store import FILE
 from ema_core.faults import FAULT_NAMES
+from ema_core.levels import LEVEL_NAMES
+from ema_monitor.identification.estimate import REFUSED
 from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS
+from ema_monitor.reasons import StampsContradict
 
 from .conftest import rows_of_unit, write_rows
 
@@ -159,6 +162,17 @@ def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
     assert [row["life"] for row in runs] == [0, 0, 0, 0, 1, 1]
     assert [row["hours_left"] for row in runs] == [20.0, 10.0, 0.0, 0.0, None, None]
     assert [row["friction"] for row in runs] == [0.1 * number for number in range(len(levels))]
+
+
+def test_views_have_the_names_of_levels_and_reasons(tmp_path):
+    archive = tmp_path / "archive"
+    units = [UNIT | {"level": level, "last_level": 0} for level in range(len(LEVEL_NAMES))]
+    write_rows(archive, "units", units)
+    _, rows = answer(archive, "select health from worst_first")
+    assert sorted(rows) == sorted((name,) for name in LEVEL_NAMES)
+    write_rows(archive, "unordered", [{"bag": "a.mcap", "number": 0, "reason": "another order"}])
+    _, rows = answer(archive, "select what, codes from refused")
+    assert rows == [(REFUSED, [StampsContradict.code])]
 
 
 def test_settings_of_the_archive_are_kept_exactly():
