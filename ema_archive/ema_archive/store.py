@@ -44,7 +44,7 @@ _IN_VIEWS: Final = {
 }
 """Values that replace names in ``views.sql``."""
 
-_VERSION: Final = 13
+_VERSION: Final = 14
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
 _MANIFEST: Final = ("archive", "bag", "part", "unit")
 _LOCK: Final = ".lock"

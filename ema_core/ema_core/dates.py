@@ -20,3 +20,8 @@ def moment(stamp_ns: int) -> str:
     if not has_date(stamp_ns):
         return str(timedelta(seconds=stamp_ns // 10**9))
     return f"{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def utc_minute(time_ns: int) -> str:
+    """Return a time since 1970 [ns] as a string: date and time in UTC, to the minute."""
+    return f"{datetime.fromtimestamp(time_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M} UTC"

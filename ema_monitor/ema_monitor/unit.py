@@ -21,6 +21,7 @@ from ema_monitor.prognosis.event_texts import text_of
 from ema_monitor.prognosis.events import (
     FaultRecurred,
     HistoryDamaged,
+    Note,
     Occurrence,
     UnitDeparted,
     UnitEvent,
@@ -333,7 +334,7 @@ class Unit:
             self._intermittent = self._intermittent_by_all()
             self._recompute_growth()
 
-    def note(self, person: str, text: str, stamp_ns: int = 0) -> None:
+    def note(self, person: str, text: str, stamp_ns: int = 0, time_ns: int = 0) -> None:
         """Add a person's note on an event of a test.
 
         The next outlook contains the note as an event; ``resume`` returns an outlook at once.
@@ -344,6 +345,8 @@ class Unit:
             Author and text of the note.
         stamp_ns
             Stamp of the test [ns]; 0 for the newest valid test.
+        time_ns
+            Time at which the note was written, since 1970, UTC [ns]; 0 if unknown.
 
         Raises
         ------
@@ -359,7 +362,8 @@ class Unit:
                 noted.flight_hours if noted else math.nan,
                 newest.events if newest else (),
             )
-            self._pending.add_note(person, text, stamp_ns or newest_ns, hours, published)
+            note = Note(person, text, time_ns)
+            self._pending.add_note(note, stamp_ns or newest_ns, hours, published)
             self._intermittent.acknowledge(
                 self.history.time_of(stamp_ns) if stamp_ns else newest_ns
             )
@@ -375,18 +379,30 @@ class Unit:
                 return ""
             return cause_of_level(outlook) or f"its level is {LEVEL_NAMES[outlook.known_level]}"
 
-    def change_baseline(self, person: str, calibration_id: str) -> bool:
+    def change_baseline(
+        self, person: str, calibration_id: str, time_ns: int = 0, *, is_forced: bool = False
+    ) -> bool:
         """Record that a person changed the unit's calibration. Return whether it was recorded.
 
         The change becomes an event of the newest valid test; without a valid test it is not
         recorded. The next outlook contains the event; ``resume`` returns an outlook at once.
+
+        Parameters
+        ----------
+        person, time_ns, is_forced
+            Author, time and acceptance of the change, see `BaselineChanged`.
+        calibration_id
+            Identity of the new calibration.
         """
         with self._lock:
             if not self.history.entries:
                 return False
             faults = self._by_valid.health.faults if self._by_valid else ()
-            event = baseline_change(person, calibration_id, self.history, faults)
-            self._pending.add(event)
+            self._pending.add(
+                baseline_change(
+                    calibration_id, self.history, faults, person, time_ns, is_forced=is_forced
+                )
+            )
             return True
 
     def outlook(

@@ -65,7 +65,7 @@ def estimated(ema, bag: Path) -> list[list[float]]:
 def test_report_has_the_notes_of_persons_from_the_history(ema, tmp_path, folder):
     unit = ("flap", "SIM-0001")
     history = History(*unit, history_path(tmp_path / folder, *unit))
-    note = UnitEvent(10**9, 5.0, Note("Ada", "greased <b>"))
+    note = UnitEvent(10**9, 5.0, Note("Ada", "greased <b>", 0))
     history.assess(Assessment(10**9, 5.0, 0, 1.0, "", None, events=(note,)))
     history.close()
     bag = shutil.copy(SAMPLE, tmp_path) if folder else SAMPLE
@@ -82,7 +82,8 @@ def test_report_has_the_changes_of_the_baseline_with_person_and_earlier_faults(e
     followed = Unit(history)
     for estimate in estimates:
         followed.update(estimate, None, PrognosisSettings())
-    assert followed.change_baseline("Ada, forced, 2026-11-29 01:12 UTC", "other-calibration")
+    time_ns = 1_795_914_720_000_000_000
+    assert followed.change_baseline("Ada", "other-calibration", time_ns, is_forced=True)
     followed.resume(None, PrognosisSettings())
     history.close()
     printed = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")

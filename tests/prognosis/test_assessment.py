@@ -68,7 +68,7 @@ def kinds(unit: Unit) -> list[tuple[float, str, str]]:
 
 
 def test_assessment_survives_conversion_to_text():
-    event = UnitEvent(7, math.nan, Note("Ada", "seen"))
+    event = UnitEvent(7, math.nan, Note("Ada", "seen", 0))
     whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
     assert str(read_assessment(assessment_text(whole))) == str(whole)
     unknown = replace(whole, flight_hours=math.nan, health_index=math.nan, life=None)
@@ -126,7 +126,7 @@ def test_note_of_a_person_is_one_event_and_survives_restarts_and_tests(path: Pat
     unit.note("Ada", "seen", stamp_ns=first_ns)
     outlooks = [unit.resume(None, TEN_HOURS) for _ in range(2)]
     events = [outlook.events for outlook in outlooks if outlook]
-    assert events == [(UnitEvent(first_ns, 10.0, Note("Ada", "seen")),), ()]
+    assert events == [(UnitEvent(first_ns, 10.0, Note("Ada", "seen", 0)),), ()]
     unit.history.close()
     unit, _ = lived(path, [0.3], first=2)
     assert (10.0, "note", "Ada, seen") in kinds(unit)

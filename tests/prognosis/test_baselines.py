@@ -76,9 +76,9 @@ def test_alarm_names_its_cause_until_it_ends(tmp_path: Path):
 def test_changed_baseline_stays_in_the_history_with_author_and_earlier_values(tmp_path: Path):
     path = tmp_path / "unit.sqlite"
     unit = Unit(History(*UNIT, path), HOURS)
-    assert not unit.change_baseline("Ada, forced", "second")
+    assert not unit.change_baseline("Ada", "second", is_forced=True)
     follow(unit, 0, [0.4] * 5, "first")
-    assert unit.change_baseline("Ada, forced", "second")
+    assert unit.change_baseline("Ada", "second", is_forced=True)
     outlook = unit.resume(None, HOURS)
     assert outlook is not None
     [event] = outlook.events

@@ -4,7 +4,7 @@
 import json
 import math
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -33,6 +33,7 @@ from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import NotMeasured
 from ema_monitor.reports import EventReport
 
+_TIME_NS = 1_795_914_720_000_000_000
 _RECURRENCE = Recurrence(2, 20, 0.1 + 0.2, 4)
 _ITEM = FaultHealth(
     "friction", WARN, 0.3, 0.01, 0.5, 0.25, False, 0.6, unconfirmed=0, recurrence=_RECURRENCE
@@ -97,11 +98,23 @@ def test_change_of_a_value_has_the_kind_of_its_direction():
     assert text_of(changes[2]).startswith("the baseline changed, so that values relate to a new ")
 
 
+def test_change_and_note_state_their_author_and_time_to_the_minute():
+    change = BaselineChanged("Ada", _TIME_NS, True, "first", "second", ())
+    assert text_of(change).startswith(
+        "baseline changed by Ada, forced, 2026-11-29 01:12 UTC: second instead of first, which "
+    )
+    unknown = replace(change, person="", time_ns=0, is_forced=False)
+    assert text_of(unknown).startswith("baseline changed by ~/calibrate: second instead of first")
+    note = Note("Ada", "greased", _TIME_NS)
+    assert text_of(note) == "Ada, 2026-11-29 01:12 UTC: greased"
+    assert text_of(replace(note, time_ns=0)) == "Ada, greased"
+
+
 def test_archive_keeps_every_field_of_an_event():
     occurrences = [
         AlarmRaised(_ITEM),
-        BaselineChanged("Ada", "first", "second", (("friction", 0.3),)),
-        Note("Ada", 'greased "all"'),
+        BaselineChanged("Ada", _TIME_NS, True, "first", "second", (("friction", 0.3),)),
+        Note("Ada", 'greased "all"', _TIME_NS),
         CountConfirmed(10.0, 5.0),
         EstimatesMissing(2),
         UnitDeparted((NotMeasured("speed"),)),
@@ -119,4 +132,4 @@ def test_count_of_an_event_fits_the_message():
     reports = [EventReport.of(UnitEvent(7, 1.0, EstimatesMissing(n))) for n in (0, 3, 10**12)]
     assert [report.count for report in reports] == [0, 3, MOST_COUNT]
     assert EventReport.of(UnitEvent(7, 1.0, CountConfirmed(10.0, 5.0, 4))).count == 4
-    assert EventReport.of(UnitEvent(7, 1.0, Note("Ada", "3 times"))).count == 0
+    assert EventReport.of(UnitEvent(7, 1.0, Note("Ada", "3 times", 0))).count == 0

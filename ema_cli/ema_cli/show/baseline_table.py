@@ -4,9 +4,9 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Final
 
+from ema_core.dates import utc_minute
 from ema_core.wording import counted, text_table
 from ema_monitor.baselines.changes import BaselineChange
 from ema_monitor.baselines.progress import BaselineProgress
@@ -97,6 +97,5 @@ def _percent(share: float) -> str:
 def _accepted(item: BaselineSummary) -> str:
     if not item.is_accepted:
         return ""
-    date = datetime.fromtimestamp(item.accepted_ns // 1_000_000_000, UTC)
-    when = f", {date:%Y-%m-%d %H:%M} UTC" if item.accepted_ns else ""
+    when = f", {utc_minute(item.accepted_ns)}" if item.accepted_ns else ""
     return f"{item.author or 'unknown'}{when}"

@@ -4,9 +4,10 @@
 import json
 import os
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
+
+from ema_core.dates import utc_minute
 
 
 class ChangeKind(StrEnum):
@@ -37,17 +38,12 @@ class BaselineChange:
     files: tuple[str, ...] = ()
     """File names of the records in the calibration after the change."""
 
-    @property
-    def time_text(self) -> str:
-        """Time of the change as a text in UTC, to the minute."""
-        return f"{datetime.fromtimestamp(self.time_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M} UTC"
-
     def __str__(self) -> str:
         number = f"{self.records} record" + ("" if self.records == 1 else "s")
         identity = self.after or self.before
         named = f" ({identity})" if identity else ""
         note = f": {self.note}" if self.note else ""
-        return f"{self.time_text}  {self.kind} by {self.author}, {number}{named}{note}"
+        return f"{utc_minute(self.time_ns)}  {self.kind} by {self.author}, {number}{named}{note}"
 
 
 def append_change(path: Path, change: BaselineChange) -> None:

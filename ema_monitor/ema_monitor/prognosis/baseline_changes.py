@@ -16,24 +16,31 @@ SHOWN_SHARE: Final = 0.05
 
 
 def baseline_change(
-    person: str, calibration_id: str, history: History, faults: Iterable[FaultHealth]
+    calibration_id: str,
+    history: History,
+    faults: Iterable[FaultHealth],
+    person: str,
+    time_ns: int,
+    *,
+    is_forced: bool,
 ) -> UnitEvent:
     """Return the event of a calibration change by a person.
 
     Parameters
     ----------
-    person
-        Person who changed the calibration.
     calibration_id
         Identity of the new calibration.
     history
         Tests of the unit, with at least one valid test.
     faults
         Health of the faults after the newest valid test; empty if unknown.
+    person, time_ns, is_forced
+        See `BaselineChanged`.
     """
     newest = history.entries[-1]
     shown = ((item.name, float(item.value)) for item in faults if item.share > SHOWN_SHARE)
-    change = BaselineChanged(person, _baseline(newest), calibration_id, tuple(shown))
+    before = _baseline(newest)
+    change = BaselineChanged(person, time_ns, is_forced, before, calibration_id, tuple(shown))
     assessment = history.assessments.get(newest.stamp_ns)
     hours = assessment.flight_hours if assessment else math.nan
     return UnitEvent(newest.stamp_ns, hours, change)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import ema_monitor.prognosis.events as of
+from ema_core.dates import utc_minute
 from ema_core.wording import counted
 from ema_monitor.joint.wording import finding
 from ema_monitor.prognosis.events import Occurrence, UnitEvent
@@ -91,9 +92,18 @@ def _tests(count: int) -> str:
 
 def _baseline_changed(event: of.BaselineChanged) -> str:
     shown = ", ".join(f"{label_of(name)} {value:.3f}" for name, value in event.faults)
+    details = ["forced"] if event.is_forced else []
+    details += [utc_minute(event.time_ns)] if event.time_ns else []
+    author = ", ".join([event.person or "~/calibrate", *details])
     return (
-        f"baseline changed by {event.person}: {event.after} instead of {event.before}, which "
+        f"baseline changed by {author}: {event.after} instead of {event.before}, which "
         f"showed {shown or 'no fault above 5 % of its limit'}"
+    )
+
+
+def _note(event: of.Note) -> str:
+    return (
+        f"{event.person}, {f'{utc_minute(event.time_ns)}: ' if event.time_ns else ''}{event.text}"
     )
 
 
@@ -120,5 +130,5 @@ _TEXTS: Final[dict[type[Occurrence], Callable[[Any], str]]] = {
     of.HistoryDamaged: lambda event: event.problem,
     of.CalibrationReplaced: lambda event: f"{event.after} instead of {event.before}",
     of.BaselineChanged: _baseline_changed,
-    of.Note: lambda event: f"{event.person}, {event.text}",
+    of.Note: _note,
 }

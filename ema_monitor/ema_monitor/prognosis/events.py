@@ -356,6 +356,11 @@ class BaselineChanged(Occurrence, code="baseline_changed", kind=EventKind.CALIBR
     """A person changed the baseline."""
 
     person: str
+    """Person or rule that changed it; empty if no person is known."""
+    time_ns: int
+    """Time of the change since 1970, UTC [ns]; 0 if unknown."""
+    is_forced: bool
+    """Whether the person accepted a unit that the monitor would have refused."""
     before: str
     after: str
     """Identities of the calibrations."""
@@ -369,3 +374,5 @@ class Note(Occurrence, code="note", kind=EventKind.NOTE):
 
     person: str
     text: str
+    time_ns: int
+    """Time at which the note was written, since 1970, UTC [ns]; 0 if unknown."""

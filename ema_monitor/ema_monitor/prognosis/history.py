@@ -27,7 +27,7 @@ from ema_monitor.prognosis.history_entry import (
     read_test,
 )
 
-SCHEMA_VERSION: Final = 11
+SCHEMA_VERSION: Final = 12
 """``user_version`` of the database."""
 
 _TABLES: Final = """

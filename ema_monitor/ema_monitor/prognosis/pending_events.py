@@ -81,14 +81,14 @@ class PendingEvents:
         self._events.append(event)
 
     def add_note(
-        self, person: str, text: str, stamp_ns: int, hours: float, published: Iterable[UnitEvent]
+        self, note: Note, stamp_ns: int, hours: float, published: Iterable[UnitEvent]
     ) -> None:
         """Add a person's note on a test for the next outlook.
 
         Parameters
         ----------
-        person, text
-            Author and text of the note.
+        note
+            The note.
         stamp_ns, hours
             Stamp of the test [ns] and its service hours [h].
         published
@@ -99,8 +99,8 @@ class PendingEvents:
         ValueError
             If the newest test already has too many notes.
         """
-        _check_notes(person, [*self._events, *published])
-        self.add(UnitEvent(stamp_ns, hours, Note(person, text)))
+        _check_notes(note.person, [*self._events, *published])
+        self.add(UnitEvent(stamp_ns, hours, note))
 
     def take_occurrences(self) -> list[Occurrence]:
         """Remove and return the occurrences, because each event is published once."""

@@ -163,7 +163,11 @@ class CalibrationCalls:
             message += f"; not learned from the healthy windows: {text}"
         if isinstance(before, Reason) or before.calibration_id != calibration.calibration_id:
             outlook = self._prognosis.change_baseline(
-                description, person, calibration.calibration_id, is_forced=request.force
+                description,
+                person,
+                calibration.calibration_id,
+                time.time_ns(),
+                is_forced=request.force,
             )
             if outlook is not None:
                 self._actuators.add_events(description.actuator_id, outlook.events)

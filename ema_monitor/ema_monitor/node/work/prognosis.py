@@ -125,17 +125,20 @@ class UnitPrognoses:
         return unit.alarm(self.parameters(description), settings)
 
     def change_baseline(
-        self, description: ActuatorDescription, person: str, calibration_id: str, *, is_forced: bool
+        self,
+        description: ActuatorDescription,
+        person: str,
+        calibration_id: str,
+        time_ns: int,
+        *,
+        is_forced: bool,
     ) -> Outlook | None:
         """Record a new calibration of a unit. Return the resulting health.
 
         Returns None if nothing was recorded, because the unit has no valid test yet.
         """
-        unit, now = self._histories.of(description), datetime.now(UTC)
-        text = (
-            f"{person or '~/calibrate'}{', forced' if is_forced else ''}, {now:%Y-%m-%d %H:%M} UTC"
-        )
-        if not unit.change_baseline(text, calibration_id):
+        unit = self._histories.of(description)
+        if not unit.change_baseline(person, calibration_id, time_ns, is_forced=is_forced):
             return None
         return unit.resume(self.parameters(description), self._histories.settings())
 

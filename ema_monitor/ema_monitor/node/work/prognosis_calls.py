@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services for a unit's remaining life, history and notes."""
 
+import time
 from dataclasses import replace
-from datetime import UTC, datetime
 from typing import Final
 
 from ema_core.wording import one_line
@@ -97,9 +97,8 @@ class PrognosisCalls:
     ) -> NoteEvent.Response:
         person, text = one_line("person", request.person, 60), one_line("text", request.text, 500)
         _, description = self._actuators.find(request.actuator_id)
-        unit, now = self._histories.of(description), datetime.now(UTC)
-        words = f"{now:%Y-%m-%d %H:%M} UTC: {text}"
-        unit.note(person, words, stamp_from_message(request.stamp))
+        unit = self._histories.of(description)
+        unit.note(person, text, stamp_from_message(request.stamp), time.time_ns())
         parameters = self._prognosis.parameters(description)
         outlook = unit.resume(parameters, self._histories.settings())
         assert outlook is not None
