@@ -19,6 +19,7 @@ from ema_core.faults import (
     kind_of,
     settings_by_kind,
 )
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import DEPARTED, Estimate
@@ -46,8 +47,8 @@ def _limit_of(kind: str) -> Any:
     suffix = f", in both directions from {fault.healthy:g}" if fault.is_two_sided else ""
     if len(KINDS[kind]) > 1:
         suffix = ", each phase"
-    text = kind.replace("_", " ")
-    return quantity(LIMITS[kind], "-", 1e-3, 1.0 - fault.healthy, f"limit of {text}{suffix}")
+    text = f"limit of {label_of(kind)}{suffix}"
+    return quantity(LIMITS[kind], "-", 1e-3, 1.0 - fault.healthy, text)
 
 
 @dataclass(frozen=True)

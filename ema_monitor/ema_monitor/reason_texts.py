@@ -9,7 +9,8 @@ import ema_monitor.reasons as of
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.columns.errors import Reference
 from ema_core.columns.wording import error_text, question
-from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
+from ema_core.faults import FAULT_NAMES, SHORT_CIRCUITS
+from ema_core.labels import label_of
 from ema_core.wording import counted
 from ema_monitor.quantities import QUANTITIES
 from ema_monitor.reasons import Reason, Stage, StandstillCause, Unjudged, mistake_of
@@ -19,11 +20,6 @@ EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
 
 EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
 AND: Final = " and "
-
-LABELS: Final = {name: fault.label for name, fault in FAULT_BY_NAME.items()} | {
-    name: cause.label for name, cause in CAUSE_BY_NAME.items()
-}
-"""Labels of faults and hidden causes by name."""
 
 _FIGURES: Final = {
     "rest_current": "current at rest",
@@ -92,7 +88,7 @@ _UNEXPLAINED: Final = "no fault explains it"
 _MOST_NAMED: Final = 3
 _LEAST_SHOWN: Final = 1e-6
 
-_OPEN_CIRCUIT: Final = f"{LABELS['dead_switch']} or {LABELS['open_phase_a']}, B or C"
+_OPEN_CIRCUIT: Final = f"{label_of('dead_switch')} or {label_of('open_phase_a')}, B or C"
 
 
 def text_of(reason: Reason) -> str:
@@ -111,7 +107,7 @@ def joined(reasons: Iterable[Reason]) -> str:
 
 def part_label(part: tuple[str, ...]) -> str:
     """Return the label of a part of an explanation: names of faults, or of a hidden cause."""
-    return EQUAL_SHORTS_LABEL if part == EQUAL_SHORTS else AND.join(LABELS[name] for name in part)
+    return EQUAL_SHORTS_LABEL if part == EQUAL_SHORTS else AND.join(map(label_of, part))
 
 
 def _stretches(reason: Reason) -> str:
@@ -261,7 +257,7 @@ def _residual(reason: of.PoorFit | of.Unexplained) -> str:
 
 
 def _faults_not_shown(reason: of.FaultsNotShown) -> str:
-    return f"the motion does not show {', '.join(LABELS[name] for name in reason.faults)}"
+    return f"the motion does not show {', '.join(map(label_of, reason.faults))}"
 
 
 def figure_text(figure: of.DepartedFigure) -> str:
@@ -274,8 +270,8 @@ def figure_text(figure: of.DepartedFigure) -> str:
 
 
 def figure_label(name: str) -> str:
-    """Return the displayed name of a figure of a window, or the name of any other figure."""
-    return _FIGURES.get(name, name)
+    """Return the label of a figure of a window, or of any other figure."""
+    return _FIGURES.get(name) or label_of(name)
 
 
 def _figures_departed(reason: of.FiguresDeparted) -> str:
@@ -466,15 +462,15 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.ColumnsContradict: _columns_contradict,
     of.Jam: (
-        f"{LABELS['jam']}: the motor stands still although {{r.current:.1f}} A flow; the shaft is "
-        "blocked"
+        f"{label_of('jam')}: the motor stands still although {{r.current:.1f}} A flow; the shaft "
+        "is blocked"
     ),
     of.OpenCircuit: (
         f"{_OPEN_CIRCUIT}: the motor stands still, and of the {{r.wanted:.1f}} A that the speed "
         "loop wants {r.current:.1f} A flow"
     ),
     of.JamOrOpenCircuit: (
-        f"{LABELS['jam']}, {_OPEN_CIRCUIT}: the motor stands still although the speed loop wants "
+        f"{label_of('jam')}, {_OPEN_CIRCUIT}: the motor stands still although the speed loop wants "
         "{r.wanted:.1f} A; the current, which would distinguish them, is not measured"
     ),
     of.DeadSensor: (

@@ -426,7 +426,7 @@ def test_aggregator_sorts_every_status():
             if any(re.fullmatch(regex, f"/ema/{status}") for regex in regexes)
         ]
         for status in (
-            *("monitor: flap health", "monitor_1: flap short circuit a", "monitor: unit 7 history"),
+            *("monitor: flap health", "monitor_1: flap short circuit A", "monitor: unit 7 history"),
             *("monitor_1: lifecycle", "recorder: recording", "left/actuator: simulation"),
         )
     }

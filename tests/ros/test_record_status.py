@@ -6,6 +6,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
@@ -56,10 +57,7 @@ def test_status_states_what_a_record_needs_after_three_short_motions():
     ("description", "faults"),
     [
         (UNKNOWN, ["friction", "backlash"]),
-        (
-            ActuatorDescription(),
-            [fault.name.replace("_", " ") for fault in FAULTS if fault.limit is not None],
-        ),
+        (ActuatorDescription(), [fault.label for fault in FAULTS if fault.limit is not None]),
     ],
 )
 def test_status_lists_the_faults_that_the_drive_can_show(
@@ -72,7 +70,7 @@ def test_status_lists_the_faults_that_the_drive_can_show(
     unit.record(Diagnosed(0, 0, description, estimate), outlook, Moment(0, 0))
     tasks = unit_tasks(unit, 0)
     shown = [task.name.removeprefix("flap ") for task in tasks]
-    requirements = [item.name.replace("_", " ") for item in outlook.health.requirements]
+    requirements = [label_of(item.name) for item in outlook.health.requirements]
     assert shown == ["telemetry", "health", *requirements, *faults]
     figures = tasks[1].values
     assert ("gain" in figures) == ("gain" in faults)

@@ -26,7 +26,7 @@ from ema_monitor.identification.estimate import (
     VERDICTS,
     Estimate,
 )
-from ema_monitor.joint.wording import change_text, finding, improvement_sentences, label_of
+from ema_monitor.joint.wording import change_text, finding, improvement_sentences, quantity_label
 from ema_monitor.quantities import FRICTION, QUANTITIES
 from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.window import MIN_TRAVEL
@@ -172,7 +172,7 @@ def _largest_changes(estimates: Sequence[Estimate]) -> str:
         ]
         if changes:
             number, largest = max(changes, key=lambda estimate: abs(estimate[1].change))
-            words.append(f"{label_of(name)} {change_text(largest)} (record {number})")
+            words.append(f"{quantity_label(name)} {change_text(largest)} (record {number})")
     return ", ".join(words)
 
 

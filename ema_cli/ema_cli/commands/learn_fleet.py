@@ -12,12 +12,12 @@ from ema_cli.options import assignments_option
 from ema_cli.output import output_option, require_free
 from ema_cli.parameters import Parameters
 from ema_cli.progress import progress_bar
+from ema_core.labels import label_of
 from ema_core.wording import counted
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet_growth import SUFFIX, FleetGrowth, fleet_of
 from ema_monitor.prognosis.growth.fleet_prior import grid_digest
 from ema_monitor.prognosis.history import read_history
-from ema_monitor.prognosis.sentences import label_of
 
 
 @click.command()

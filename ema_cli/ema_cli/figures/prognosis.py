@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
 from ema_core.event_kinds import EventKind
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
@@ -29,7 +30,7 @@ from ema_monitor.plot.style import (
 from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
-from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
+from ema_monitor.prognosis.sentences import removal_in_words, shown_in
 
 ALPHA: Final = 0.2
 """Half-width of the cone around the true remaining life, relative to that life [-]."""

@@ -37,6 +37,7 @@ from ema_cli.show.terminal import SHAPES
 from ema_core import __version__
 from ema_core.dates import moment
 from ema_core.faults import FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
@@ -45,7 +46,6 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.plot.style import BLUE, INK, stacked_panels, tidy
 from ema_monitor.prognosis.event_texts import text_of
 from ema_monitor.prognosis.events import UnitEvent
-from ema_monitor.prognosis.sentences import label_of
 
 _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib", "jinja2")
 _SETTINGS: Final[dict[Any, Any]] = {
@@ -101,7 +101,7 @@ def report_page(
         shown = [i for i in shown if any(math.isfinite(test["faults"][i][0]) for test in tests)]
         faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
-    missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
+    missed = ", ".join(map(label_of, calibration.not_learned))
     return render(
         "report.html.j2",
         command,

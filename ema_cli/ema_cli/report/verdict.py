@@ -12,6 +12,7 @@ from ema_core.causes import CAUSE_BY_NAME, SystemPart
 from ema_core.dates import moment
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
@@ -23,13 +24,7 @@ from ema_monitor.prognosis.event_texts import event_in_words
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.sentences import (
-    TREND_HOURS,
-    cause_of_level,
-    label_of,
-    removal_in_words,
-    shown_in,
-)
+from ema_monitor.prognosis.sentences import TREND_HOURS, cause_of_level, removal_in_words, shown_in
 from ema_monitor.quantities import FRICTION
 from ema_monitor.reason_texts import part_label
 

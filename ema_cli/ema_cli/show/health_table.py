@@ -15,10 +15,11 @@ from rich.text import Text
 from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.joint.wording import brief
-from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
+from ema_monitor.prognosis.sentences import SOON_HOURS, shown_in
 from ema_monitor.quantities import FRICTION
 from ema_monitor.reasons import Learning
 from ema_ros.claims import Received, worth

@@ -13,10 +13,11 @@ from rich.table import Table
 
 from ema_cli.bags.unit_course import Course
 from ema_core.event_kinds import EventKind
+from ema_core.labels import label_of
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.prognosis.event_texts import event_in_words
 from ema_monitor.prognosis.growth.check import AHEAD
-from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
+from ema_monitor.prognosis.sentences import TREND_HOURS, shown_in
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
 _ACTIONS: Final = {

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ema_core.labels import label_of
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.model.deviations import unit_priors
 from ema_monitor.windows.band import band_limited, rms
@@ -58,8 +59,8 @@ def _reasons(calibration: Calibration, window: Window) -> Iterator[str]:
     for prior in priors:
         value = getattr(calibration.unit, prior.name)
         if prior.name in FAULTY and abs(value - prior.expected) > PLAUSIBLE_SIGMAS * prior.sigma:
-            name = prior.name.replace("_", " ")
-            yield f"{name} is {value:+.3g}, expected {prior.expected:.2g} ± {prior.sigma:.2g}"
+            label = label_of(prior.name)
+            yield f"{label} is {value:+.3g}, expected {prior.expected:.2g} ± {prior.sigma:.2g}"
     share = _unexplained_share(calibration, window)
     if share > PLAUSIBLE_SHARE:
         yield (

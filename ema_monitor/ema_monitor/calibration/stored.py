@@ -17,6 +17,7 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.display import Displayed
 from ema_core.files import complete_file, open_regular_file
+from ema_core.labels import label_of
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.reasons import Difference, OtherSamples, Reason
 from ema_monitor.windows.window import Window
@@ -57,7 +58,7 @@ class StoredCalibration(Displayed, ABC):
 
     @property
     def _remark(self) -> str:
-        words = ", ".join(name.replace("_", " ") for name in self.not_learned)
+        words = ", ".join(map(label_of, self.not_learned))
         return f"; not learned from these windows: {words}" if words else ""
 
     def shape_mismatch(self, window: Window) -> Reason | None:

@@ -2,7 +2,7 @@
 """Certificate of a test: its expected results, from a rehearsal (M30)."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from textwrap import wrap
@@ -12,6 +12,7 @@ from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
+from ema_core.labels import label_of
 from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.rehearsal import (
@@ -76,18 +77,14 @@ class CauseProspect(NamedTuple):
             case Naming.NAMED if confused:
                 return f"named, not separated from {confused}"
             case Naming.NAMED if faults:
-                return f"named, with {_labels(faults)}"
+                return f"named, with {', '.join(map(label_of, faults))}"
             case Naming.NOT_SEPARATED:
                 return f"not separated from {confused}"
             case Naming.MISTAKEN:
-                return f"mistaken for {_labels(self.beside)}"
+                return f"mistaken for {', '.join(map(label_of, self.beside))}"
             case Naming.HIDDEN:
                 return "does not show"
         return self.naming.value
-
-
-def _labels(names: Iterable[str]) -> str:
-    return ", ".join(part_label((name,)) for name in names)
 
 
 @dataclass(frozen=True)

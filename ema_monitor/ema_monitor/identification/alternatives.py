@@ -5,10 +5,12 @@ The method is described in ``docs/identification.md``, M27.
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from ema_core.faults import FAULT_NAMES
-from ema_monitor.reason_texts import LABELS
+from ema_core.causes import CAUSE_BY_NAME
+from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES
+
+_NAMES: Final = frozenset((*FAULT_BY_NAME, *CAUSE_BY_NAME))
 
 Part = tuple[str, ...]
 """Part of an explanation: the names of its faults, or the name of a hidden cause."""
@@ -52,6 +54,6 @@ def alternative_of(record: Any) -> Alternative:
 
 
 def _part_of(names: Any) -> Part:
-    if not names or isinstance(names, str) or any(name not in LABELS for name in names):
+    if not names or isinstance(names, str) or any(name not in _NAMES for name in names):
         raise ValueError(f"alternative {names!r}: expected names of faults or of a hidden cause")
     return tuple(names)

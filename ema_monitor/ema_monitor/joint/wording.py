@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from ema_core.labels import label_of
 from ema_core.wording import text_table
 from ema_monitor.joint.baseline import Baseline, Shortcoming
 from ema_monitor.joint.comparing import Comparer
@@ -81,7 +82,7 @@ def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
 
 def _row_label(name: str) -> str:
     reference = QUANTITIES[name].reference
-    return label_of(name) + ("" if reference == "healthy" else f" (of {reference})")
+    return quantity_label(name) + ("" if reference == "healthy" else f" (of {reference})")
 
 
 def table_text(comparison: Comparison) -> str:
@@ -102,7 +103,7 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     warn_limit
         Relative change of friction at the warning limit [-].
     """
-    friction, label = comparison[FRICTION], label_of(FRICTION)
+    friction, label = comparison[FRICTION], quantity_label(FRICTION)
     doubts = [_doubt_sentence(item) for item in comparison.doubtful]
     if not friction.is_judged:
         words = f"{label} is not judged: {friction.reason or 'no reason is known'}"
@@ -118,10 +119,10 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     return f"only changes of {label} above {smallest} would show; {limit}"
 
 
-def label_of(name: str) -> str:
-    """Return the displayed name of a quantity or figure."""
+def quantity_label(name: str) -> str:
+    """Return the label of a quantity."""
     quantity = QUANTITIES.get(name)
-    return name.replace("_", " ") if quantity is None else quantity.label
+    return label_of(name) if quantity is None else quantity.label
 
 
 def change_text(quantity: QuantityChange) -> str:
@@ -154,7 +155,7 @@ def judgement_text(quantity: QuantityChange) -> str:
     if quantity.judgement is Judgement.CHANGED:
         if not quantity.rivals:
             return "changed"
-        rivals = _joined(map(label_of, quantity.rivals), "or")
+        rivals = _joined(map(quantity_label, quantity.rivals), "or")
         return f"changed (not distinguishable from {rivals})"
     smallest = smallest_text(quantity)
     return f"unchanged (changes above {smallest} would show)" if smallest else "unchanged"
@@ -163,7 +164,7 @@ def judgement_text(quantity: QuantityChange) -> str:
 def brief(quantity: QuantityChange) -> str:
     """Return a phrase with the label, change and judgement of a quantity."""
     words = change_text(quantity), judgement_text(quantity)
-    return f"{label_of(quantity.name)} {', '.join(filter(None, words))}"
+    return f"{quantity_label(quantity.name)} {', '.join(filter(None, words))}"
 
 
 def improvement_sentences(comparison: Comparison) -> list[str]:
@@ -174,7 +175,7 @@ def improvement_sentences(comparison: Comparison) -> list[str]:
         days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(
             f"{_count(item.records, 'further healthy record')}{days} would lower the smallest "
-            f"detectable change of {label_of(item.name)} from "
+            f"detectable change of {quantity_label(item.name)} from "
             f"{_plain(item.present_change, quantity)} {unit_of(quantity)} to "
             f"{_plain(item.smallest_change, quantity)} {unit_of(quantity)} on a day without "
             "healthy records."
@@ -208,7 +209,7 @@ def _changes(comparison: Comparison) -> list[str]:
 
 
 def _rivalry_sentence(named: Sequence[str], rivals: Sequence[str]) -> str:
-    labels, rival_labels = map(label_of, named), map(label_of, rivals)
+    labels, rival_labels = map(quantity_label, named), map(quantity_label, rivals)
     if len(named) == 1:
         return f"{_joined([*labels, *rival_labels], 'and')} cannot be distinguished in this motion"
     pair = f"{_joined(labels, 'and')} cannot be distinguished from {_joined(rival_labels, 'or')}"
@@ -216,7 +217,7 @@ def _rivalry_sentence(named: Sequence[str], rivals: Sequence[str]) -> str:
 
 
 def _change_sentence(item: QuantityChange) -> str:
-    label = label_of(item.name)
+    label = quantity_label(item.name)
     if item.unit == "-":
         quantity = QUANTITIES[item.name]
         share = "" if quantity.reference == "healthy" else f" of {quantity.reference}"
@@ -227,7 +228,7 @@ def _change_sentence(item: QuantityChange) -> str:
 
 
 def _doubt_sentence(item: QuantityChange) -> str:
-    return f"{label_of(item.name)} may have changed by {change_text(item)}"
+    return f"{quantity_label(item.name)} may have changed by {change_text(item)}"
 
 
 def _effort_sentence(item: QuantityChange) -> str:
@@ -272,7 +273,7 @@ def _friction_limit(comparison: Comparison) -> str:
     smallest = smallest_text(comparison[FRICTION])
     if not comparison[FRICTION].is_judged or not smallest:
         return ""
-    return f": changes of {label_of(FRICTION)} above {smallest} would show"
+    return f": changes of {quantity_label(FRICTION)} above {smallest} would show"
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
@@ -284,7 +285,7 @@ def _not_judged(comparison: Comparison) -> list[str]:
     by_reason: dict[tuple[Reason, ...], list[str]] = {}
     for item in comparison.quantities:
         if not item.is_judged and not item.rivals:
-            by_reason.setdefault(item.reasons, []).append(label_of(item.name))
+            by_reason.setdefault(item.reasons, []).append(quantity_label(item.name))
     if not by_reason or not comparison.judged:
         return []
     groups = [(joined(reasons), _joined(labels, "and")) for reasons, labels in by_reason.items()]
@@ -340,7 +341,7 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
             f"above {same_day} would show on a day that has healthy records, above {another_day} "
             "on another day"
         )
-    return [f"{label_of(FRICTION)}: changes {where}", *advice_sentences(comparer)]
+    return [f"{quantity_label(FRICTION)}: changes {where}", *advice_sentences(comparer)]
 
 
 def advice_sentences(comparer: Comparer) -> list[str]:

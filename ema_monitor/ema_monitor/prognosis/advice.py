@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.arrays import Array
+from ema_core.labels import label_of
 from ema_core.levels import ERROR
 from ema_core.quantity import Checked, quantity, text
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import label_of, removal_in_words
+from ema_monitor.prognosis.sentences import removal_in_words
 
 Action = Literal["unknown", "continue", "inspect", "remove"]
 """Kinds of advice."""

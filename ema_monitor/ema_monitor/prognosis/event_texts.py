@@ -6,10 +6,11 @@ from typing import Any, Final
 
 import ema_monitor.prognosis.events as of
 from ema_core.dates import utc_minute
+from ema_core.labels import label_of
 from ema_core.wording import counted
 from ema_monitor.joint.wording import finding
 from ema_monitor.prognosis.events import Occurrence, UnitEvent
-from ema_monitor.prognosis.sentences import in_words, label_of, recurrence_in_words
+from ema_monitor.prognosis.sentences import in_words, recurrence_in_words
 from ema_monitor.reason_texts import joined
 
 

@@ -4,13 +4,12 @@
 import math
 from typing import Final
 
-from ema_core.faults import FAULT_BY_NAME
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth, Recurrence
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.quantities import QUANTITIES
 
 TREND_HOURS: Final = 1000.0
 """Hours over which growth is displayed [h]."""
@@ -19,12 +18,6 @@ SOON_HOURS: Final = 0.5
 """Time to a removal below which the advice is to remove the unit now [h]."""
 
 _NAMED_CAUSES: Final = 3
-
-
-def label_of(name: str) -> str:
-    """Return the label of a fault, a quantity of a joint or a required performance."""
-    named = FAULT_BY_NAME.get(name) or QUANTITIES.get(name)
-    return name.replace("_", " ") if named is None else named.label
 
 
 def shown_in(unit: str) -> tuple[str, float]:

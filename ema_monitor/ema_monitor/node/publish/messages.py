@@ -14,6 +14,7 @@ from ema_core.arrays import Flags
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import N_FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import LEVEL_NAMES
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
@@ -294,7 +295,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
     life = health.rul.hours_50 if health.rul.known else math.nan
     text = LEVEL_NAMES[health.level]
     if health.dominant_fault:
-        text += f": {health.dominant_fault.replace('_', ' ')}"
+        text += f": {label_of(health.dominant_fault)}"
     parts = [text]
     if math.isfinite(life):
         parts.append(f"remaining life {life:.4g} flight hours")

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from ema_core.description import ActuatorDescription
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_core.wording import beside_limit
@@ -60,7 +61,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     }
     faults = _shown_by(unit.description, health.faults)
     rated = (*faults, *health.requirements)
-    values |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
+    values |= {f"{label_of(item.name)}{_unit(item, ' [{}]')}": item.value for item in rated}
     if unit.health.comparison is not None:
         values |= _figures_of(unit.health.comparison)
     level, last_level = health.level, unit.health.outlook.known_level
@@ -69,7 +70,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     if is_stale and last_level != STALE:
         summary = f"unknown, last {LEVEL_NAMES[last_level]}"
     if unit.health.outlook.dominant_fault:
-        summary += f": {unit.health.outlook.dominant_fault}"
+        summary += f": {label_of(unit.health.outlook.dominant_fault)}"
     if is_stale and unit.learning:
         summary = unit.learning
     elif health.reason:
@@ -105,7 +106,7 @@ def _figures_of(comparison: Comparison) -> dict[str, float]:
     values: dict[str, float] = {}
     for quantity in comparison.quantities:
         scale, unit = (100.0, "%") if quantity.unit == "-" else (1.0, quantity.unit)
-        name = quantity.name.replace("_", " ")
+        name = label_of(quantity.name)
         values[f"{name} change [{unit}]"] = scale * quantity.change
         values[f"{name} smallest change [{unit}]"] = scale * quantity.smallest_change
     return values
@@ -177,7 +178,7 @@ def _item_task(unit: ActuatorStatus, item: FaultHealth, end: str) -> Task:
         message = f"{item.held:.4g}{unit_suffix} in the latest test, before {message}"
     elif level != STALE and item.unconfirmed is not None:
         message += f"; {LEVEL_NAMES[item.unconfirmed]} once later tests confirm it"
-    name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
+    name = f"{unit.actuator_id} {label_of(item.name)}"
     in_unit = _unit(item, " [{}]")
     values = {f"{key}{in_unit}": getattr(item, key) for key in ("value", "sigma", "limit")}
     category = _category(level, end, level == STALE)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
+from ema_core.labels import label_of
 from ema_core.wording import counted, one_line
 from ema_interfaces import action, srv
 from ema_monitor.baselines.changes import ChangeKind
@@ -159,7 +160,7 @@ class CalibrationCalls:
             if isinstance(calibration, JointCalibration) and calibration.outliers:
                 message += f"; {'; '.join(map(str, calibration.outliers))}"
         if calibration.not_learned:
-            text = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
+            text = ", ".join(map(label_of, calibration.not_learned))
             message += f"; not learned from the healthy windows: {text}"
         if isinstance(before, Reason) or before.calibration_id != calibration.calibration_id:
             outlook = self._prognosis.change_baseline(

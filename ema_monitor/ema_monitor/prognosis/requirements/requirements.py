@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS
+from ema_core.labels import label_of
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import Checked, quantity
@@ -237,4 +238,4 @@ def requirements_of(
 def _criterion(name: str, limit: float) -> str:
     verb = "falls below" if name in BELOW else "exceeds"
     unit = RequirementLimits.unit(name).replace("1", "")
-    return f"{name.replace('_', ' ')} {verb} {limit:.4g} {unit}".strip()
+    return f"{label_of(name)} {verb} {limit:.4g} {unit}".strip()
