@@ -13,9 +13,9 @@ from ema_bags.telemetry import ESTIMATE_TYPE
 from ema_cli.bags.diagnoses import DiagnosisLog
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import FaultEstimate, QuantityChange, UnitTest
-from ema_monitor.joint.comparison import JUDGEMENTS, Judgement
+from ema_monitor.joint.comparison import JUDGEMENTS, Judgement, not_judged
 from ema_monitor.node.publish.messages import estimate_to_message, fault_bits, unknown_estimate
-from ema_monitor.reasons import StatedReason
+from ema_monitor.reasons import QuantityUnjudged, StatedReason, TooFewRows, Unjudged
 
 UNIT = ActuatorDescription()
 
@@ -30,13 +30,23 @@ def test_quantities_survive_the_wire(name: str):
     log = DiagnosisLog()
     log.add(ESTIMATE_TYPE, received(name), END_NS)
     [diagnosis] = log.diagnoses()
-    # A message has the sentence of a reason only.
+    # A message has the sentence and the codes of the reasons.
     sent = [
         replace(item, reasons=(StatedReason(item.reason),) if item.reason else ())
         for item in CASES[name].quantities
     ]
     # NaN differs from NaN, but their texts are equal.
     assert repr(diagnosis.quantities) == repr(tuple(sent))
+
+
+def test_quantity_has_the_codes_of_its_reasons():
+    unjudged = QuantityUnjudged(Unjudged.DOUBTFUL)
+    reasons = unjudged, TooFewRows(3, 5), QuantityUnjudged(Unjudged.ONE_SPEED)
+    sent = compared(not_judged(*reasons))
+    for quantity in estimate_to_message(sent, 3, UNIT).quantities:
+        assert quantity.reason_codes == ["quantity_unjudged", "too_few_rows"]
+    for quantity in received("friction").quantities:
+        assert not quantity.reason_codes or quantity.judgement == QuantityChange.NOT_JUDGED
 
 
 def test_judgements_have_the_constants_of_the_message():

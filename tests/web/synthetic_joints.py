@@ -165,6 +165,7 @@ def _quantities(joint: Joint) -> list[QuantityChange]:
             smallest_change=math.nan,
             unit="-",
             reason="the joint turns about a vertical axis",
+            reason_codes=["quantity_unjudged"],
         )
     )
     return quantities

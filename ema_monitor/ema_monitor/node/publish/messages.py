@@ -84,7 +84,12 @@ def estimate_to_message(
 
 def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
     return [
-        _filled_message(QuantityChange, quantity, judgement=JUDGEMENTS.index(quantity.judgement))
+        _filled_message(
+            QuantityChange,
+            quantity,
+            judgement=JUDGEMENTS.index(quantity.judgement),
+            reason_codes=list(codes(quantity.reasons)),
+        )
         for quantity in (comparison.quantities if comparison else ())
     ]
 

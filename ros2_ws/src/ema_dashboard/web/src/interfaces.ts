@@ -249,6 +249,7 @@ export interface QuantityChange {
   smallest_change: number;
   unit: string;
   reason: string;
+  reason_codes: string[];
   rivals: string[];
 }
 
