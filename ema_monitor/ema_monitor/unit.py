@@ -392,7 +392,7 @@ class Unit:
         person, time_ns, is_forced
             Author, time and acceptance of the change, see `BaselineChanged`.
         calibration_id
-            Identity of the new calibration.
+            Identity of the new calibration; empty after a reset.
         """
         with self._lock:
             if not self.history.entries:

@@ -105,6 +105,10 @@ def test_change_and_note_state_their_author_and_time_to_the_minute():
     )
     unknown = replace(change, person="", time_ns=0, is_forced=False)
     assert text_of(unknown).startswith("baseline changed by ~/calibrate: second instead of first")
+    reset = replace(change, after="", before="4711-ab")
+    assert text_of(reset) == "Ada reset the baseline 4711-ab (forced), 2026-11-29 01:12 UTC"
+    worn = replace(reset, is_forced=False, time_ns=0, faults=(("friction", 0.3),))
+    assert text_of(worn) == "Ada reset the baseline 4711-ab; the unit showed friction 0.300"
     note = Note("Ada", "greased", _TIME_NS)
     assert text_of(note) == "Ada, 2026-11-29 01:12 UTC: greased"
     assert text_of(replace(note, time_ns=0)) == "Ada, greased"

@@ -2,6 +2,7 @@
 """A joint without a baseline learns until a person or a setting accepts its records."""
 
 import os
+import re
 import subprocess
 from collections.abc import Iterable
 from dataclasses import replace
@@ -15,7 +16,7 @@ from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import BaselineStatus, FaultEstimate, Health
-from ema_interfaces.srv import Calibrate, ChangeBaseline
+from ema_interfaces.srv import Calibrate, ChangeBaseline, GetHistory
 from ema_monitor.baselines.unit_baseline import InUseError, UnitBaseline
 from ema_ros import topics
 
@@ -150,8 +151,10 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
         assert answer.success, answer.message
         joint.status(BaselineStatus.LEARNING, 0)
         joint.health(Health.STALE, "learning: 0 records")
-        events = [event.text for item in session.healths() for event in item.events]
-        assert any(text.startswith("baseline changed by Ada") for text in events)
+        answer = session.call(GetHistory, "/ema/monitor/get_history", GetHistory.Request())
+        events = [event.text for event in answer.history.events]
+        assert any(text.startswith("baseline changed by Ada, forced, 20") for text in events)
+        assert any(re.match(r"Ada reset the baseline \S+ \(forced\), 20", text) for text in events)
         refused = session.call(Calibrate, "/ema/monitor/calibrate", Calibrate.Request())
         assert "use ~/change_baseline" in refused.message
         with pytest.raises(InUseError):

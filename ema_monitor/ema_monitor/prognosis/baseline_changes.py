@@ -29,7 +29,7 @@ def baseline_change(
     Parameters
     ----------
     calibration_id
-        Identity of the new calibration.
+        Identity of the new calibration; empty after a reset.
     history
         Tests of the unit, with at least one valid test.
     faults

@@ -93,12 +93,15 @@ def _tests(count: int) -> str:
 
 def _baseline_changed(event: of.BaselineChanged) -> str:
     shown = ", ".join(f"{label_of(name)} {value:.3f}" for name, value in event.faults)
-    details = ["forced"] if event.is_forced else []
-    details += [utc_minute(event.time_ns)] if event.time_ns else []
-    author = ", ".join([event.person or "~/calibrate", *details])
+    time = f", {utc_minute(event.time_ns)}" if event.time_ns else ""
+    if not event.after:
+        forced = " (forced)" if event.is_forced else ""
+        text = f"{event.person} reset the baseline {event.before}{forced}{time}"
+        return f"{text}; the unit showed {shown}" if shown else text
+    forced = ", forced" if event.is_forced else ""
     return (
-        f"baseline changed by {author}: {event.after} instead of {event.before}, which "
-        f"showed {shown or 'no fault above 5 % of its limit'}"
+        f"baseline changed by {event.person or '~/calibrate'}{forced}{time}: {event.after} "
+        f"instead of {event.before}, which showed {shown or 'no fault above 5 % of its limit'}"
     )
 
 

@@ -363,7 +363,7 @@ class BaselineChanged(Occurrence, code="baseline_changed", kind=EventKind.CALIBR
     """Whether the person accepted a unit that the monitor would have refused."""
     before: str
     after: str
-    """Identities of the calibrations."""
+    """Identities of the calibrations; ``after`` is empty if the unit learns again after a reset."""
     faults: tuple[tuple[str, float], ...]
     """Names and values of the faults that the unit showed with the earlier calibration."""
 

@@ -107,9 +107,8 @@ class Work:
     ) -> None:
         """Add the change of a baseline to the history of its unit."""
         self._log.info(f"{description.actuator_id}: baseline: {change}")
-        calibration_id = change.after or "none, to learn again,"
         outlook = self._prognosis.change_baseline(
-            description, change.author, calibration_id, change.time_ns, is_forced=is_forced
+            description, change.author, change.after, change.time_ns, is_forced=is_forced
         )
         if outlook is not None:
             self._actuators.add_events(description.actuator_id, outlook.events)
