@@ -3,12 +3,13 @@
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple, Protocol, get_args
+from typing import Final, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.display import Displayed
 from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -219,7 +220,8 @@ class NumberedWindow(Protocol):
         ...
 
 
-class Diagnosed(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Diagnosed(Displayed):
     """An estimate with its actuator and the numbers of its windows."""
 
     number: int
@@ -233,6 +235,12 @@ class Diagnosed(NamedTuple):
 
     estimate: Estimate
     """The estimate, or a refusal with its reason."""
+
+    @property
+    def brief(self) -> str:
+        """Number, verdict and significant faults, or the reason of a refusal."""
+        what = "estimate" if self.estimate.stretches else "window"
+        return f"{what} {self.number}, {self.estimate.brief}"
 
 
 @dataclass

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ema_core.causes import CauseEstimate
+from ema_core.display import Displayed
 from ema_core.expecting import require_type
 from ema_core.faults import (
     FAULT_BY_NAME,
@@ -20,7 +21,7 @@ from ema_core.faults import (
     settings_by_kind,
 )
 from ema_core.labels import label_of
-from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import DEPARTED, Estimate
 from ema_monitor.identification.search_settings import MOST_UNEXPLAINED
@@ -124,8 +125,8 @@ class FaultHealth:
     """Recurrence of the fault, if it is intermittent and not acknowledged."""
 
 
-@dataclass(frozen=True)
-class Health:
+@dataclass(frozen=True, repr=False)
+class Health(Displayed):
     """Health of an actuator."""
 
     level: int
@@ -147,6 +148,13 @@ class Health:
     """Reasons why faults or the level are unknown, and reasons for warnings; may be empty."""
     requirements: tuple[FaultHealth, ...] = field(default=())
     """Health with respect to each requirement; empty if there are none."""
+
+    @property
+    def brief(self) -> str:
+        """Level, dominant fault and, if known, the health index."""
+        index = "" if math.isnan(self.health_index) else f"health index {self.health_index:.2f}"
+        parts = f"level {LEVEL_NAMES[self.level]}", index, label_of(self.dominant_fault)
+        return ", ".join(filter(None, parts))
 
     def without_ok(self) -> "Health":
         """Return the health with STALE instead of OK for every fault and requirement."""

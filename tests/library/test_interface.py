@@ -5,6 +5,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -154,19 +155,30 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
 
 def test_monitor_and_tracker_are_a_line_in_a_prompt(estimate):
     assert repr(ema_monitor.Monitor()) == "<Monitor: flap, 0 valid tests>"
+    assert repr(ema_monitor.Tracker()) == "<Tracker: 0 tests>"
     assert repr(ema_monitor.track([estimate], [1.5])) == "<Tracker: 1 test, latest at 1.5 h>"
 
 
 def test_results_are_a_line_in_a_prompt_and_a_text_in_a_notebook(window, estimate):
     calibration = ema_monitor.Calibration.builtin()
     outlook = outlook_of_one(estimate, ema_monitor.HealthLimits(), "no hours")
+    prognosis = ema_monitor.track([estimate], [1.5]).predict()
+    later = replace(
+        outlook, flight_hours=1.5, rul=ema_monitor.RemainingLife(True, 1.0, 2.0, 3.5, "")
+    )
+    diagnosed = ema_monitor.Diagnosed(0, 0, ema_sim.ActuatorDescription(), estimate)
     refused = ema_monitor.identify(window, ema_sim.ActuatorDescription(serial_number="<b>"))
     words = {
         "Window: 0.5 s, 5000 samples at 10000 Hz": window,
         "Estimate: valid, friction 0.2": estimate,
         "Estimate: refused, the calibration does not fit": refused,
         f"Calibration: {calibration.calibration_id} of flap": calibration,
-        "Outlook: level": outlook,
+        "Outlook: level WARN, remaining life unknown>": outlook,
+        "Outlook: level WARN, remaining life 1 / 2 / 3.5 h (5 / 50 / 95 %), 1.5 service": later,
+        "Diagnosed: window 0, valid, friction 0.2": diagnosed,
+        "Health: level WARN, health index 0.50, friction>": outlook.health,
+        "Prognosis: remaining life unknown after 1.5 h>": prognosis,
+        "RemainingLife: unknown>": prognosis.overall,
     }
     for text, result in words.items():
         assert repr(result).startswith(f"<{text}")

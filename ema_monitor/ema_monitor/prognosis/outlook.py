@@ -155,13 +155,10 @@ class Outlook(Displayed):
 
     @property
     def brief(self) -> str:
-        """Summary of level, remaining life and service hours."""
-        life, level = self.rul, LEVEL_NAMES[self.health.level]
-        text = f"unknown ({life.reason})" if life.reason else "unknown"
-        if life.known:
-            hours = (life.hours_05, life.hours_50, life.hours_95)
-            text = f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
-        return f"level {level}, remaining life {text}, {self.flight_hours:.6g} service hours"
+        """Summary of level, remaining life and, if known, service hours."""
+        text = f"level {LEVEL_NAMES[self.health.level]}, remaining life {self.rul.brief}"
+        hours = self.flight_hours
+        return text if math.isnan(hours) else f"{text}, {hours:.6g} service hours"
 
     @property
     def finding(self) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ema_core.arrays import Array, Flags
+from ema_core.display import Displayed
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import counted, text_table
 from ema_monitor.health import HealthLimits
@@ -59,8 +60,8 @@ class TrackedFault:
     """Calibration of the component's past predictions."""
 
 
-@dataclass(frozen=True)
-class RemainingLife:
+@dataclass(frozen=True, repr=False)
+class RemainingLife(Displayed):
     """Quantiles of the remaining useful life for one end-of-life criterion."""
 
     known: bool
@@ -74,6 +75,14 @@ class RemainingLife:
     reason: str = ""
     """Reason why the life is unknown; empty if known."""
 
+    @property
+    def brief(self) -> str:
+        """Quantiles of the life, or "unknown"."""
+        if not self.known:
+            return "unknown"
+        hours = (self.hours_05, self.hours_50, self.hours_95)
+        return f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
+
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
         """Return an unknown life with a reason."""
@@ -86,8 +95,8 @@ class RemainingLife:
         return cls(True, float(low), float(median), float(high), criterion)
 
 
-@dataclass(frozen=True, eq=False)
-class Prognosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prognosis(Displayed):
     """Remaining useful life of an actuator, counted from its latest test."""
 
     hours: float
@@ -121,6 +130,15 @@ class Prognosis:
         overall = RemainingLife.unknown(_ANY_LIMIT, reason)
         return cls(math.nan, components, overall, "", np.empty(0), duty)
 
+    @property
+    def brief(self) -> str:
+        """Overall life and, if known, the service hour of the latest test."""
+        return f"remaining life {self.overall.brief}{self._moment}"
+
+    @property
+    def _moment(self) -> str:
+        return "" if math.isnan(self.hours) else f" after {self.hours:g} h"
+
     def as_rows(self) -> list[dict[str, Any]]:
         """Return the lives as a list of dicts: each component, then the overall life."""
         return [asdict(life) for life in (*self.components.values(), self.overall)]
@@ -137,7 +155,7 @@ class Prognosis:
             for criterion, life in lives.items()
         ]
         table = text_table(("until", "5 %", "50 %", "95 %", ""), rows)
-        return f"remaining useful life after {self.hours:g} h [h], {self.future}\n{table}"
+        return f"remaining useful life{self._moment} [h], {self.future}\n{table}"
 
 
 @dataclass(frozen=True, eq=False)

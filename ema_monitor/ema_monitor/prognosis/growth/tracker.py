@@ -125,7 +125,8 @@ class Tracker(Kept):
         self.hours = math.nan
 
     def __repr__(self) -> str:
-        return f"<Tracker: {counted(self.updates, 'test')}, latest at {self.hours:g} h>"
+        latest = "" if math.isnan(self.hours) else f", latest at {self.hours:g} h"
+        return f"<Tracker: {counted(self.updates, 'test')}{latest}>"
 
     def update(self, measurement: Measurement) -> list[GrowthEvent]:
         """Update the tracker with a test.
