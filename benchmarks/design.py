@@ -33,7 +33,7 @@ from ema_monitor.design.information import Information
 from ema_monitor.design.limits import MotionLimits
 from ema_monitor.design.rehearsal import HALF_WIDTH, N_COMBINED, claimed, present, rehearse
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.windows.window import Window
 from ema_sim.bench import BenchSettings
 
@@ -192,7 +192,7 @@ def _scores(of_plants: list[list[dict[str, Any]]]) -> Figures:
     every = [test for tests in of_plants for test in tests]
     return {
         "windows": len(every),
-        "refused": sum(test["verdict"] == REFUSED for test in every),
+        "refused": sum(test["verdict"] == Verdict.REFUSED for test in every),
         **quantiles([test["error"] for test in every if np.isfinite(test["error"])]),
         "coverage": mean([flag for test in every for flag in test["inside"]]),
         "sigma": median([value for test in every for value in test["sigma"]]),

@@ -25,6 +25,7 @@ from ema_core.faults import FAULT_NAMES, INDICES, fault_vector, healthy_faults, 
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.api import HealthLimits, Window, assess, find_windows, identify
+from ema_monitor.identification.estimate import Verdict
 from ema_sim.api import simulate
 
 COLUMNS: Final = ("current", "speed", "position")
@@ -114,7 +115,7 @@ def work(case: Case) -> Figures:
         "kind": case.kind,
         "percent": case.percent,
         "truth": case.faults,
-        "verdict": "refused" if estimate is None else estimate.verdict,
+        "verdict": Verdict.REFUSED if estimate is None else estimate.verdict,
         "seconds": float("nan") if estimate is None else estimate.computing_time,
     }
     if estimate is None or not estimate.valid:

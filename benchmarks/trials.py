@@ -23,7 +23,7 @@ from ema_core.faults import (
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import DEGRADED, REFUSED, VALID, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.quantiles import LEVELS
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.windows.window import Window
@@ -93,7 +93,9 @@ class Trial:
     @property
     def used(self) -> "Trial":
         """Trial of the estimates that are valid or degraded."""
-        kept = [estimate.verdict in (VALID, DEGRADED) for estimate in self.estimates]
+        kept = [
+            estimate.verdict in (Verdict.VALID, Verdict.DEGRADED) for estimate in self.estimates
+        ]
         return self.select(np.array(kept, dtype=bool))
 
     def select(self, chosen: Any) -> "Trial":
@@ -202,11 +204,11 @@ class Trial:
         size[:, ECCENTRICITY_PHASE] *= used.faults[:, ECCENTRICITY]
         return int(np.sum(np.any(beyond & (size > WRONG), axis=1)))
 
-    def verdicts(self) -> dict[str, int]:
+    def verdicts(self) -> dict[Verdict, int]:
         """Return the number of estimates by verdict; failures count as refused."""
         verdicts = [estimate.verdict for estimate in self.estimates]
-        used = {name: verdicts.count(name) for name in (VALID, DEGRADED)}
-        return used | {REFUSED: len(verdicts) - sum(used.values())}
+        used = {name: verdicts.count(name) for name in (Verdict.VALID, Verdict.DEGRADED)}
+        return used | {Verdict.REFUSED: len(verdicts) - sum(used.values())}
 
     def summary(self) -> dict[str, Any]:
         """Return the statistics of errors, scores, verdicts and evaluations."""

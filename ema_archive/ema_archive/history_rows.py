@@ -18,7 +18,7 @@ from ema_archive.tables import (
     reasons_from,
 )
 from ema_core.description import UnitKey
-from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
 from ema_monitor.prognosis.events import Occurrence, UnitEvent
 from ema_monitor.prognosis.history import History
@@ -158,7 +158,7 @@ def _test_from(row: Row, window: Row) -> Test:
         return test
     return UnusedCycle(
         test.stamp_ns,
-        REFUSED,
+        Verdict.REFUSED,
         reasons_from(row["unordered"]),
         flown,
         shift_ns=row["shift_ns"],

@@ -21,7 +21,7 @@ from ema_archive.tables import BAG_TABLES, STAMPS, UNIT_TABLES, placed
 from ema_core.event_kinds import EventKind
 from ema_core.files import complete_file, require_regular_file
 from ema_core.levels import LEVEL_NAMES
-from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.reasons import StampsContradict
 
 FILE: Final = "archive.duckdb"
@@ -39,7 +39,7 @@ _IN_VIEWS: Final = {
     "level_names": list(LEVEL_NAMES),
     "repair": EventKind.REPAIR,
     "step": EventKind.STEP,
-    "refused": REFUSED,
+    "refused": Verdict.REFUSED,
     "stamps_contradict": StampsContradict.code,
 }
 """Values that replace names in ``views.sql``."""

@@ -11,7 +11,13 @@ import numpy as np
 import pyarrow as pa
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values, plain
+from ema_monitor.identification.estimate import (
+    Estimate,
+    Verdict,
+    estimate_of,
+    estimate_values,
+    plain,
+)
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.reasons import Reason
@@ -54,7 +60,7 @@ _COMPARISON: Final = pa.struct(
 )
 _UNIT: Final = {"actuator_id": _TEXT, "serial_number": _TEXT}
 _MADE_BY: Final = {"software": _TEXT, "settings": _TEXT}
-_TYPES: Final = {int: _INT, float: _FLOAT, bool: pa.bool_(), str: _TEXT}
+_TYPES: Final = {int: _INT, float: _FLOAT, bool: pa.bool_(), str: _TEXT, Verdict: _TEXT}
 _OF_HEALTH_ELSEWHERE: Final = (
     "header",
     *_UNIT,

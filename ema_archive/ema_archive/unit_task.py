@@ -26,7 +26,7 @@ from ema_core.description import UnitKey
 from ema_core.event_kinds import EventKind
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
-from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, SKIPPED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
@@ -248,10 +248,10 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
             row["end_ns"],
             row["bag"],
             [str(row[name]) for name in _SAME],
-            not (row["valid"] or row["verdict"] == FAILED),
+            not (row["valid"] or row["verdict"] == Verdict.FAILED),
         )
         for row in sorted(rows, key=lambda row: (row["bag"], row["number"]))
-        if row["verdict"] != SKIPPED
+        if row["verdict"] != Verdict.SKIPPED
     )
     refused = [
         {"bag": row["bag"], "number": row["number"]}
@@ -262,15 +262,15 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     windows = []
     for row in windows_by_end.values():
         if row["valid"] and row["bag"] in reasons:
-            why = {"verdict": REFUSED, "reasons": reason_rows([reasons[row["bag"]]])}
-            row = {**row, "valid": False} | (why if row["verdict"] != DEPARTED else {})
+            why = {"verdict": Verdict.REFUSED, "reasons": reason_rows([reasons[row["bag"]]])}
+            row = {**row, "valid": False} | (why if row["verdict"] != Verdict.DEPARTED else {})
         windows.append(row)
     return windows, refused
 
 
 def _informativeness(row: Row) -> int:
     """Return the rank of a copy of a window: failures are highest, refused windows lowest."""
-    return {FAILED: 3, DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
+    return {Verdict.FAILED: 3, Verdict.DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:

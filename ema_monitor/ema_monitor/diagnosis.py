@@ -16,7 +16,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CALIBRATIONS, AnyCalibration
 from ema_monitor.identification.combination import Combination
-from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estimate, refusal
+from ema_monitor.identification.estimate import Estimate, Verdict, refusal
 from ema_monitor.identification.joint_estimate import identify_record
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
@@ -76,7 +76,8 @@ def _judged(
 
     Refused windows are judged as well, unless they belong to another unit.
     """
-    if not isinstance(calibration, Calibration) or estimate.verdict in (FAILED, SKIPPED):
+    unjudged = (Verdict.FAILED, Verdict.SKIPPED)
+    if not isinstance(calibration, Calibration) or estimate.verdict in unjudged:
         return estimate
     estimate = replace(estimate, parts=tuple(parts))
     departure = calibration.baseline.departure(estimate.start_ns, parts)
@@ -88,7 +89,7 @@ def _judged(
         reasons.insert(0, departure.would_depart)
     elif not (estimate.valid and _is_explained(estimate, departure)):
         reasons.insert(0, departure.reason)
-        estimate = replace(estimate, verdict=DEPARTED)
+        estimate = replace(estimate, verdict=Verdict.DEPARTED)
     return replace(estimate, reasons=(*filter(None, reasons), *estimate.reasons))
 
 
@@ -415,7 +416,7 @@ class Diagnosis:
         whole = Refusal(stretches[0][0], stretches[-1][1], StretchesInsufficient())
         nothing = refusal(whole, motion.calibration, motion.search, whole.cause)
         nothing = replace(nothing, stretches=len(stretches))
-        if motion.judged(nothing).verdict == DEPARTED:
+        if motion.judged(nothing).verdict == Verdict.DEPARTED:
             return [self._numbered(motion, nothing)]
         motion.since.clear()
         return []

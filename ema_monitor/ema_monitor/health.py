@@ -23,7 +23,7 @@ from ema_core.faults import (
 from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
-from ema_monitor.identification.estimate import DEPARTED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.search_settings import MOST_UNEXPLAINED
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.wording import why_no_level
@@ -261,7 +261,7 @@ def assess(
     if missing and comparison is None and level == OK:
         level, index = STALE, math.nan
     reasons = [unseen, estimate.reason]
-    if estimate.verdict == DEPARTED:
+    if estimate.verdict == Verdict.DEPARTED:
         reasons.reverse()
         if level in (OK, STALE):
             level, severity = WARN, 1

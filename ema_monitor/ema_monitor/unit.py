@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from ema_core.expecting import require_type, value_or_default
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.prognosis.assessing import assessment_of
 from ema_monitor.prognosis.baseline_changes import baseline_change, other_calibration, worn_baseline
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
@@ -173,7 +173,7 @@ class Unit:
                 if place.problem:
                     test = UnusedCycle(
                         estimate.end_ns,
-                        REFUSED,
+                        Verdict.REFUSED,
                         (place.problem,),
                         flown,
                         shift_ns=place.shift_ns,
@@ -196,7 +196,8 @@ class Unit:
                 )
                 occurrences += missing
                 before = self.history.newest
-                if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
+                had_departed = before is not None and before.verdict == Verdict.DEPARTED
+                if estimate.verdict == Verdict.DEPARTED and not had_departed:
                     occurrences.append(_departure(estimate))
                 try:
                     occurrences += self.growth.add(entry)
@@ -233,7 +234,7 @@ class Unit:
         before = self.history.newest
         self.history.append(test)
         is_newest = self.history.newest is test
-        if test.verdict == FAILED:
+        if test.verdict == Verdict.FAILED:
             self._by_valid = None
             if is_newest:
                 self._intermittent.add_failure(test.stamp_ns)
@@ -245,10 +246,10 @@ class Unit:
             self._by_valid = self._outlook(parameters)
         outlook = self._claimed(self._by_valid)
         is_repeated = before is not None and before.verdict == test.verdict
-        if test.verdict not in (FAILED, DEPARTED) or is_repeated:
+        if test.verdict not in (Verdict.FAILED, Verdict.DEPARTED) or is_repeated:
             return outlook
         occurrence: Occurrence = UnitFailed(test.reasons)
-        if test.verdict == DEPARTED:
+        if test.verdict == Verdict.DEPARTED:
             occurrence = UnitDeparted(test.reasons)
         event = UnitEvent(test.end_ns, outlook.flight_hours, occurrence)
         return replace(outlook, events=(event,))
@@ -266,7 +267,7 @@ class Unit:
         if len(entries) > entries_before:
             self._recompute_growth()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
-        departure = _departure(estimate) if estimate.verdict == DEPARTED else None
+        departure = _departure(estimate) if estimate.verdict == Verdict.DEPARTED else None
         self._pending.report_late(late_s, departure)
 
     def follow(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.faults import SHORT_CIRCUITS
-from ema_monitor.identification.estimate import DEGRADED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.model.deviations import USUAL_SIGMA
 from ema_monitor.reason_texts import EQUAL_SHORTS
 
@@ -49,7 +49,7 @@ def unusual_causes(estimate: Estimate) -> dict[str, str]:
     cannot explain.
     """
     is_poor = estimate.goodness_of_fit > estimate.goodness_limit
-    sigmas = 0.0 if estimate.verdict == DEGRADED else ONE_SIDED_95
+    sigmas = 0.0 if estimate.verdict == Verdict.DEGRADED else ONE_SIDED_95
     reasons: dict[str, str] = {}
     for cause in _watched(estimate.measured):
         if _exceeds(cause, ONE_SIDED_95):

@@ -10,7 +10,7 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import BAG_TABLES, UNIT_TABLES, estimate_row
 from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
 from ema_core.levels import OK, STALE
-from ema_monitor.identification.estimate import DEPARTED, REFUSED, SKIPPED
+from ema_monitor.identification.estimate import Verdict
 
 from ..prognosis.made_tests import UNIT, made_test
 
@@ -18,12 +18,15 @@ S = 10**9
 
 
 @pytest.mark.parametrize(
-    ("verdict", "level"), [(REFUSED, STALE), (DEPARTED, STALE), (SKIPPED, OK), ("again", OK)]
+    ("verdict", "level"),
+    [(Verdict.REFUSED, STALE), (Verdict.DEPARTED, STALE), (Verdict.SKIPPED, OK), ("again", OK)],
 )
 def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: str, level: int):
     """The bag has the unused test after the healthy one, with an earlier stamp, or the same one."""
     good = made_test(0, friction=0.02)
-    unused = replace(made_test(0, valid=False), verdict=REFUSED if verdict == "again" else verdict)
+    unused = replace(
+        made_test(0, valid=False), verdict=Verdict.REFUSED if verdict == "again" else verdict
+    )
     back_ns = 0 if verdict == "again" else 600 * S
     unused = replace(unused, start_ns=unused.start_ns - back_ns, end_ns=unused.end_ns - back_ns)
     made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}

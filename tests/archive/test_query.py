@@ -17,7 +17,7 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.store import FILE
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import LEVEL_NAMES
-from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS
 from ema_monitor.reasons import StampsContradict
 
@@ -172,7 +172,7 @@ def test_views_have_the_names_of_levels_and_reasons(tmp_path):
     assert sorted(rows) == sorted((name,) for name in LEVEL_NAMES)
     write_rows(archive, "unordered", [{"bag": "a.mcap", "number": 0, "reason": "another order"}])
     _, rows = answer(archive, "select what, codes from refused")
-    assert rows == [(REFUSED, [StampsContradict.code])]
+    assert rows == [(Verdict.REFUSED, [StampsContradict.code])]
 
 
 def test_settings_of_the_archive_are_kept_exactly():

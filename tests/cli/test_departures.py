@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.joint.window_figures import figures_of_row
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import UnusedCycle
@@ -137,7 +138,7 @@ def test_labelled_state_is_named_by_estimate_and_report(ema, tmp_path, simulated
     path = history_path(tmp_path, "flap", "SIM-0001")
     figures = tuple(map(figures_of_row, first(ema, later, calibrated)["parts"]))
     history = History("flap", "SIM-0001", path)
-    history.append(UnusedCycle(86_400 * 10**9, "departed", parts=figures))
+    history.append(UnusedCycle(86_400 * 10**9, Verdict.DEPARTED, parts=figures))
     history.close()
     for test, words in (
         ("1", "3 tests dry, 4 tests worn screw"),
@@ -163,7 +164,7 @@ def test_history_is_labelled_only_with_chosen_tests(ema, tmp_path):
     unit = calibration.actuator_id, calibration.serial_number
     path = history_path(tmp_path, *unit)
     history = History(*unit, path)
-    history.append(UnusedCycle(86_400 * 10**9, "departed"))
+    history.append(UnusedCycle(86_400 * 10**9, Verdict.DEPARTED))
     history.close()
     result = ema("label", tmp_path / "calibration.yaml", path, "--state", "dry")
     assert result.exit_code == 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector
-from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate
+from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate, Verdict
 from ema_monitor.joint.comparison import Comparison, Judgement, QuantityChange
 from ema_monitor.joint.comparison import not_judged as all_unjudged
 from ema_monitor.quantities import FRICTION, INERTIA, LOAD, PLAY, QUANTITIES, TORQUE, TRACKING
@@ -110,7 +110,7 @@ def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
         )
         if of[name].judgement is Judgement.CHANGED
     )
-    verdict = "departed" if of.has_departed else "valid" if of.judged else "refused"
+    verdict = Verdict.VALID if of.judged else Verdict.REFUSED
     figures: dict[str, Any] = {
         "start_ns": end_ns - 25_000_000_000,
         "end_ns": end_ns,
@@ -121,7 +121,7 @@ def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
         "covariance": covariance,
         "unobservable": unobservable,
         "valid": bool(of.judged),
-        "verdict": verdict,
+        "verdict": Verdict.DEPARTED if of.has_departed else verdict,
         "reasons": () if of.judged else of.quantities[0].reasons,
         "causes": causes,
         "comparison": of,

@@ -10,7 +10,7 @@ import pytest
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faults
 from ema_monitor.identification.alternatives import Alternative
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
+from ema_monitor.identification.estimate import Estimate, Verdict, estimate_of, estimate_record
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
 from ema_monitor.joint.window_figures import CommandedMotion, WindowFigures
 from ema_monitor.reason_texts import EQUAL_SHORTS
@@ -53,7 +53,7 @@ ESTIMATE = Estimate(
     insignificant=np.arange(8) == 2,
     warm_start=True,
     calibration_windows=4,
-    verdict="degraded",
+    verdict=Verdict.DEGRADED,
     unexplained_share=1.0 / 7.0,
     causes=(CauseEstimate("load_torque", 0.1 + 0.2, 1e-300), CauseEstimate("inertia", -0.05, 0.01)),
     alternatives=(Alternative(("inertia",), EQUAL_SHORTS), Alternative(("gain",), ("speed_gain",))),
@@ -97,6 +97,13 @@ def test_record_of_an_earlier_version_has_no_comparison():
 def test_record_with_an_unknown_reason_is_refused():
     with pytest.raises(ValueError, match="code = 'rust': expected one of "):
         estimate_of(estimate_record(ESTIMATE) | {"reasons": [{"code": "rust"}]})
+
+
+def test_verdict_is_a_plain_string_in_records_and_rows():
+    assert type(estimate_record(ESTIMATE)["verdict"]) is type(ESTIMATE.as_row()["verdict"]) is str
+    assert estimate_of(estimate_record(ESTIMATE)).verdict is Verdict.DEGRADED
+    with pytest.raises(ValueError, match="'doubtful' is not a valid Verdict"):
+        estimate_of(estimate_record(ESTIMATE) | {"verdict": "doubtful"})
 
 
 @pytest.mark.parametrize(

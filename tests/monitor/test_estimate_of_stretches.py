@@ -11,7 +11,7 @@ import pytest
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_monitor.identification.alternatives import Alternative
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.estimate_of_stretches import combined_estimate
 from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge
@@ -37,7 +37,7 @@ def estimate(number: int, *kept: str, **values: Any) -> Estimate:
         play_offset=0.5 - number,
         fitness=1.0,
         excitation=0.01,
-        verdict="valid",
+        verdict=Verdict.VALID,
         **values,
     )
 

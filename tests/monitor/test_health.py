@@ -18,7 +18,7 @@ from ema_monitor.health import (
     assess,
     with_requirements,
 )
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.joint.comparison import Comparison, FigureChange
 from ema_monitor.quantities import FRICTION, PLAY, TORQUE, VISCOUS
 from ema_monitor.reasons import StatedReason, Unjudged
@@ -336,6 +336,7 @@ def test_warning_is_never_next_to_the_index_of_a_new_unit(name: str):
 
 def test_departed_estimate_of_a_modelled_drive_never_has_the_index_of_a_new_unit():
     health = assess(
-        estimate(verdict="departed", reasons=(StatedReason("the current is 12 % higher"),)), LIMITS
+        estimate(verdict=Verdict.DEPARTED, reasons=(StatedReason("the current is 12 % higher"),)),
+        LIMITS,
     )
     assert (health.level, health.health_index) == (WARN, 0.99)

@@ -11,7 +11,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor import find_windows, identify
 from ema_monitor.health import TORQUE_PER_AMPERE, Health, HealthLimits, assess
-from ema_monitor.identification.estimate import DEGRADED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.model.deviations import USUAL_SIGMA
 from ema_monitor.unusual_causes import ONE_SIDED_95, unusual_causes, usual_range
 from ema_sim import simulate
@@ -105,7 +105,7 @@ def test_bound_decides_and_for_a_degraded_estimate_the_value(name: str):
         assert name in unusual_causes(estimated(**fields))
         fields = {field: (within,)}
         assert not unusual_causes(estimated(**fields))
-    degraded = estimated(verdict=DEGRADED)
+    degraded = estimated(verdict=Verdict.DEGRADED)
     assert name in unusual_causes(replace(degraded, causes=(within,)))
     usual = within._replace(value=0.9 * limit)
     assert not unusual_causes(replace(degraded, causes=(usual,)))

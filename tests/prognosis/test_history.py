@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from ema_core.levels import OK
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Assessment, Count, Entry, UnusedCycle
 from ema_monitor.reasons import StatedReason
@@ -80,10 +80,10 @@ def test_every_number_is_restored_exactly(path: Path):
 def test_count_and_cycles_without_estimate_are_restored(path: Path):
     count = Count(123, 45.5, 67)
     history = History(*UNIT, path)
-    history.append(UnusedCycle(1, "refused", (StatedReason("gap"),)))
+    history.append(UnusedCycle(1, Verdict.REFUSED, (StatedReason("gap"),)))
     history.append(Entry(test := made_test(0), 45.5, 67, count))
-    history.append(UnusedCycle(test.end_ns + 2, "refused", (StatedReason("gap"),)))
-    history.append(UnusedCycle(test.end_ns + 3, "failed", (StatedReason("a phase is open"),)))
+    history.append(UnusedCycle(test.end_ns + 2, Verdict.REFUSED, (StatedReason("gap"),)))
+    history.append(UnusedCycle(test.end_ns + 3, Verdict.FAILED, (StatedReason("a phase is open"),)))
     history.close()
     again = History(*UNIT, path)
     again.close()
@@ -322,7 +322,7 @@ def test_other_database_and_other_schema_are_renamed_unchanged(path: Path):
 def test_file_deleted_during_use_is_written_again_completely(path: Path, how: str):
     history = History(*UNIT, path)
     history.append(entry(0))
-    history.append(UnusedCycle(1, "refused", (StatedReason("gap"),)))
+    history.append(UnusedCycle(1, Verdict.REFUSED, (StatedReason("gap"),)))
     history.append(entry(1))
     history.assess(Assessment(entry(1).stamp_ns, 10.0, OK, 0.9, "", None))
     moved = path.with_name("elsewhere")
@@ -332,7 +332,7 @@ def test_file_deleted_during_use_is_written_again_completely(path: Path, how: st
         path.unlink()
     else:
         shutil.rmtree(path.parent)
-    history.append(UnusedCycle(2, "refused", (StatedReason("gap"),)))
+    history.append(UnusedCycle(2, Verdict.REFUSED, (StatedReason("gap"),)))
     history.append(entry(2))
     history.assess(Assessment(entry(2).stamp_ns, 20.0, OK, 0.9, "", None))
     assert "was deleted or moved while it was in use" in history.problem

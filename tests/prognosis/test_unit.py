@@ -13,7 +13,7 @@ from ema_core.event_kinds import EventKind
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import HealthLimits, assess
-from ema_monitor.identification.estimate import DEPARTED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.prognosis.event_texts import event_in_words, text_of
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
@@ -345,7 +345,9 @@ def after(*tests: Estimate) -> list[Outlook]:
 
 def departed(number: int, *, valid: bool = True) -> Estimate:
     words = "departed (1 in 1,000 healthy tests does so): the current is rough"
-    return replace(made_test(number, valid=valid), verdict=DEPARTED, reasons=(StatedReason(words),))
+    return replace(
+        made_test(number, valid=valid), verdict=Verdict.DEPARTED, reasons=(StatedReason(words),)
+    )
 
 
 @pytest.mark.parametrize("valid", [True, False])

@@ -17,7 +17,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.baselines.progress import refusal_of
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.estimate import SKIPPED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.intake import Intake
 from ema_monitor.joint.comparison import QuantityChange
 from ema_monitor.joint.wording import friction_advice
@@ -261,7 +261,7 @@ def _compare(
     """Compare a record with the baseline, and add the result to the course unless it is skipped."""
     assert course.calibration is not None
     estimate = identify(segment.window, segment.description, course.calibration)
-    if estimate.verdict == SKIPPED:
+    if estimate.verdict == Verdict.SKIPPED:
         return
     course.estimates.append(estimate)
     use = intake.take_use(unit.history.unit, estimate.end_ns)

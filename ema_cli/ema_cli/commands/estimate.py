@@ -18,14 +18,7 @@ from ema_cli.parameters import settings_options
 from ema_core.faults import FAULTS, INDICES
 from ema_core.linear import physical, travel_shown
 from ema_core.wording import counted
-from ema_monitor.identification.estimate import (
-    DEGRADED,
-    DEPARTED,
-    FAILED,
-    SKIPPED,
-    VERDICTS,
-    Estimate,
-)
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.joint.wording import change_text, finding, improvement_sentences, quantity_label
 from ema_monitor.quantities import FRICTION, QUANTITIES
 from ema_monitor.recordings.windows import BagWindows
@@ -73,7 +66,7 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
     # A live recording may end at any time: an incomplete last window is not a failure.
-    complete = [result for result in estimates if result.verdict != SKIPPED]
+    complete = [result for result in estimates if result.verdict != Verdict.SKIPPED]
     if not complete or not all(map(_is_answer, complete)):
         sys.exit(REFUSED)
 
@@ -81,7 +74,7 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
 def _is_answer(estimate: Estimate) -> bool:
     """Return whether an estimate is valid and not a departure; a record must determine friction."""
     is_open = estimate.comparison is not None and not estimate.comparison[FRICTION].is_judged
-    return estimate.valid and estimate.verdict != DEPARTED and not is_open
+    return estimate.valid and estimate.verdict != Verdict.DEPARTED and not is_open
 
 
 def _distance(estimate: Estimate, i: int) -> float:
@@ -107,8 +100,8 @@ def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
     if estimate.comparison is not None:
         what = shorten(finding(estimate.comparison), _FINDING_WIDTH, placeholder=" ...")
         return f"{place}  {estimate.verdict:8s} {what}"
-    if not estimate.valid or estimate.verdict == DEPARTED:
-        verdict = DEPARTED if estimate.verdict == DEPARTED else "refused"
+    if not estimate.valid or estimate.verdict == Verdict.DEPARTED:
+        verdict = Verdict.DEPARTED if estimate.verdict == Verdict.DEPARTED else Verdict.REFUSED
         return (
             f"{place}  {verdict:8s} {shorten(estimate.reason, _REASON_WIDTH, placeholder=' ...')}"
         )
@@ -132,8 +125,9 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     valid = [(number, item) for number, item in enumerate(estimates) if item.valid]
     counts = Counter(item.verdict for item in estimates)
     are_records = any(item.is_of_record for item in estimates)
-    seldom = (FAILED, SKIPPED, DEGRADED) if are_records else (FAILED, SKIPPED, DEPARTED)
-    named = [name for name in VERDICTS if counts[name] or name not in seldom]
+    rarest = Verdict.DEGRADED if are_records else Verdict.DEPARTED
+    seldom = (Verdict.FAILED, Verdict.SKIPPED, rarest)
+    named = [name for name in Verdict if counts[name] or name not in seldom]
     verdicts = ", ".join(f"{counts[name]} {name}" for name in named)
     what = "estimate" if any(item.stretches for item in estimates) else "window"
     what = "record" if are_records else what
@@ -200,7 +194,7 @@ def _print(number: int, estimate: Estimate, bag_windows: BagWindows) -> None:
         for k in (estimate.faults[i],)
     ]
     shown = travel_shown(unit.parameters)
-    if faults or estimate.verdict != DEPARTED:
+    if faults or estimate.verdict != Verdict.DEPARTED:
         click.echo(f"found: {'; '.join(faults) or _NOTHING}")
     click.echo(
         f"fitness {estimate.fitness:.5f} A^2.s; command travels "

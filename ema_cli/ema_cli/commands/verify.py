@@ -30,7 +30,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.alternatives import Alternative
-from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.history import read_intact_history
@@ -128,7 +128,7 @@ class _Recorded(NamedTuple):
             goodness_limit=message.goodness_limit,
             valid=message.valid,
             warm_start=message.warm_start,
-            verdict=VERDICTS[message.verdict],
+            verdict=tuple(Verdict)[message.verdict],
             causes=tuple(causes),
             alternatives=tuple(
                 Alternative(tuple(pair.part), tuple(pair.stand_in))
@@ -284,7 +284,7 @@ def _recomputed(
             last = test.calibration_id
         if test.stretches:
             yield replace(verified, reason="it combines stretches of ordinary motion")
-        elif test.verdict == SKIPPED:
+        elif test.verdict == Verdict.SKIPPED:
             yield replace(verified, reason="its window was truncated or dropped")
         elif window is None:
             yield replace(verified, reason="its window is in none of the bags")

@@ -17,7 +17,7 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
 from ema_monitor.prognosis.event_texts import event_in_words
@@ -290,12 +290,12 @@ def _after_the_last_test(course: Course) -> list[str]:
     last = course.estimates[-1] if course.estimates else None
     if last is None:
         return ["Repeat the test: no fault reached wanted_sigma."]
-    if last.verdict == FAILED:
+    if last.verdict == Verdict.FAILED:
         return []
     if last.comparison is not None:
         return _after_the_last_record(last, last.comparison)
     actions = []
-    if last.verdict == DEPARTED:
+    if last.verdict == Verdict.DEPARTED:
         actions.append(f"Inspect the unit: the last test {last.reason}.")
     elif not last.valid:
         return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
@@ -308,7 +308,7 @@ def _after_the_last_test(course: Course) -> list[str]:
     for part, stand_in in last.alternatives:
         pair = f"{part_label(part)} from {part_label(stand_in)}"
         actions.append(f"The last test cannot separate {pair}: check both.")
-    if last.verdict == "degraded" and not last.alternatives:
+    if last.verdict == Verdict.DEGRADED and not last.alternatives:
         actions.append(f"The last test is usable with wider uncertainty: {last.reason}.")
     return actions
 

@@ -4,6 +4,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
@@ -27,11 +28,6 @@ from ema_monitor.windows.window import Window
 INVERSE_DYNAMICS: Final = "inverse_dynamics"
 """Algorithm name of estimates that compare a record with a baseline."""
 
-VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
-"""Verdicts in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
-
-VALID, DEGRADED, REFUSED, FAILED, SKIPPED, DEPARTED = VERDICTS
-
 _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
@@ -42,6 +38,25 @@ _SHAPES: Final = {
     "quantiles": (len(LEVELS), N_FAULTS),
     "probability": (N_FAULTS,),
 }
+
+
+class Verdict(StrEnum):
+    """Verdict on an estimate, in the order of its numbers in the message ``FaultEstimate``."""
+
+    VALID = "valid"
+    """Usable."""
+    DEGRADED = "degraded"
+    """Usable, with increased standard deviations; ``Estimate.reasons`` state the causes."""
+    REFUSED = "refused"
+    """Not usable."""
+    FAILED = "failed"
+    """Not usable because of a failure of drive or shaft."""
+    SKIPPED = "skipped"
+    """The window was cut off or dropped, and not examined; or it is the short end of a motion whose
+    records were compared."""
+    DEPARTED = "departed"
+    """The window departs from the healthy windows of the unit as stated in
+    ``Estimate.reasons``, and no fault explains the departure; the estimate may be valid or not."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,18 +115,8 @@ class Estimate(Displayed):
     """Whether the search began at the faults of an earlier window."""
     calibration_windows: int = 0
     """Number of healthy windows of the calibration; 0 without a calibration."""
-    verdict: str = VALID
-    """Verdict on the estimate:
-
-    - "valid": usable.
-    - "degraded": usable, with increased standard deviations; ``reasons`` state the causes.
-    - "refused": not usable.
-    - "failed": not usable because of a failure of drive or shaft.
-    - "skipped": the window was cut off or dropped, and not examined; or it is the short end of a
-      motion whose records were compared.
-    - "departed": the window departs from the healthy windows of the unit as stated in ``reasons``,
-      and no fault explains the departure; the estimate may be valid or not.
-    """
+    verdict: Verdict = Verdict.VALID
+    """Verdict on the estimate."""
     unexplained_share: float = math.nan
     """Share of the window's departure from healthy that the estimate does not explain [-]; NaN if
     ``goodness_of_fit`` is NaN."""
@@ -194,7 +199,7 @@ class Estimate(Displayed):
     @property
     def departure(self) -> str:
         """Description of the departure from the healthy tests of the unit; empty without one."""
-        if self.verdict != DEPARTED:
+        if self.verdict != Verdict.DEPARTED:
             return ""
         return self.reason if self.comparison is None else finding(self.comparison)
 
@@ -224,7 +229,7 @@ class Estimate(Displayed):
             for name, value in vars(self).items()
             if isinstance(value, int | float | str)
         }
-        row["reason"] = self.reason
+        row["verdict"], row["reason"] = str(self.verdict), self.reason
         sigmas = {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
         return row | self.faults._asdict() | sigmas
 
@@ -277,9 +282,9 @@ def refusal(
     lacks_calibration
         Whether no calibration matches the actuator and window.
     """
-    verdict = FAILED if is_failure else REFUSED
+    verdict = Verdict.FAILED if is_failure else Verdict.REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
-        verdict = SKIPPED
+        verdict = Verdict.SKIPPED
     is_calibrated = not isinstance(calibration, Reason)
     return Estimate(
         window.start_ns,
@@ -310,6 +315,7 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
         values[name] = [FAULT_NAMES[number] for number in np.flatnonzero(values[name])]
     for name in _CAUSES:
         values[name] = [cause._asdict() for cause in values[name]]
+    values["verdict"] = str(estimate.verdict)
     values["alternatives"] = [pair.as_record() for pair in estimate.alternatives]
     values["reason"] = estimate.reason
     values["reasons"] = [reason.as_record() for reason in estimate.reasons]
@@ -352,6 +358,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
         values[name] = np.isin(FAULT_NAMES, record[name])
     for name in _CAUSES:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
+    values["verdict"] = Verdict(record["verdict"])
     values["alternatives"] = tuple(map(alternative_of, record["alternatives"]))
     values["reasons"] = reasons_of(record)
     values["lacks_calibration"] = bool(record.get("lacks_calibration", False))

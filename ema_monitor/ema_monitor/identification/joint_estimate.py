@@ -21,15 +21,7 @@ from ema_core.linear import angle_shown
 from ema_core.telemetry import Telemetry
 from ema_monitor import quantities as of
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
-from ema_monitor.identification.estimate import (
-    DEPARTED,
-    FAILED,
-    INVERSE_DYNAMICS,
-    REFUSED,
-    SKIPPED,
-    VALID,
-    Estimate,
-)
+from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate, Verdict
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange, not_judged
 from ema_monitor.joint.curve import FrictionCurve, friction_curve
@@ -110,7 +102,8 @@ def identify_record(
     started = time.perf_counter()
     if isinstance(window, Refusal):
         is_lost = window.is_dropped or window.is_cut_off
-        return _refused(window, calibration, window.cause, verdict=SKIPPED if is_lost else REFUSED)
+        verdict = Verdict.SKIPPED if is_lost else Verdict.REFUSED
+        return _refused(window, calibration, window.cause, verdict=verdict)
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
         return _refused(window, calibration, OtherUnit(mismatch), lacks_calibration=True)
@@ -121,12 +114,14 @@ def identify_record(
         standstill = standstill_of(window.telemetry, calibration.baseline)
         still = standstill.reason(calibration.effort_shown, angle_shown(description.parameters))
         has_failed = standstill.cause is StandstillCause.FAILURE
-        return _refused(window, calibration, still, verdict=FAILED if has_failed else REFUSED)
+        verdict = Verdict.FAILED if has_failed else Verdict.REFUSED
+        return _refused(window, calibration, still, verdict=verdict)
     per_update = samples_per_update(window.telemetry)
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, tuple):
-        verdict = SKIPPED if window.is_remainder and _is_too_short(record) else REFUSED
+        is_remainder = window.is_remainder and _is_too_short(record)
+        verdict = Verdict.SKIPPED if is_remainder else Verdict.REFUSED
         return _refused(window, calibration, *record, verdict=verdict, compared=True)
     if scaled := _wrong_scale(record, calibration.baseline, description):
         return _refused(window, calibration, scaled, compared=True)
@@ -161,7 +156,7 @@ def identify_record(
         valid=True,
         reasons=tuple(filter(None, reasons)),
         calibration_windows=calibration.windows,
-        verdict=DEPARTED if comparison.has_departed else VALID,
+        verdict=Verdict.DEPARTED if comparison.has_departed else Verdict.VALID,
         causes=tuple(_causes(comparison, calibration)),
         measured=window.measured,
         comparison=comparison,
@@ -201,7 +196,7 @@ def learning_estimate(window: Window | Refusal, *reasons: Reason) -> Estimate:
         0,
         "",
         reasons=reasons,
-        verdict=SKIPPED if is_lost else REFUSED,
+        verdict=Verdict.SKIPPED if is_lost else Verdict.REFUSED,
         lacks_calibration=True,
     )
 
@@ -306,7 +301,7 @@ def _refused(
     window: Window | Refusal,
     calibration: JointCalibration,
     *reasons: Reason,
-    verdict: str = REFUSED,
+    verdict: Verdict = Verdict.REFUSED,
     compared: bool = False,
     lacks_calibration: bool = False,
 ) -> Estimate:

@@ -14,6 +14,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.alternatives import Alternative, Part
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.identification.search_settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.reasons import (
     FitUnjudged,
@@ -119,7 +120,11 @@ def judged(
         doubts.append(PoorFit(goodness, limit, share))
     if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
         defects.append(NotDetermined(subject))
-    verdict = "refused" if defects else "degraded" if doubts else "valid"
+    verdict = Verdict.VALID
+    if defects:
+        verdict = Verdict.REFUSED
+    elif doubts:
+        verdict = Verdict.DEGRADED
     reasons = (*reservations, *doubts, *defects)
     return {"verdict": verdict, "valid": not defects, "reasons": reasons}
 

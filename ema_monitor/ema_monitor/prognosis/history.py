@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
-from ema_monitor.identification.estimate import FAILED, SKIPPED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import (
     Assessment,
@@ -116,7 +116,7 @@ class History:
     @property
     def newest(self) -> Test | None:
         """The test with the latest stamp, valid or refused, not skipped; None if there is none."""
-        refused = [test for test in self.unused if test.verdict != SKIPPED]
+        refused = [test for test in self.unused if test.verdict != Verdict.SKIPPED]
         return max([*self.entries[-1:], *refused], key=lambda test: test.stamp_ns, default=None)
 
     @property
@@ -143,7 +143,7 @@ class History:
 
     def has_failed(self, test: Test) -> bool:
         """Return whether a test shows a failure, and its window has no valid second attempt."""
-        return test.verdict == FAILED and not self.holds_valid(test.stamp_ns)
+        return test.verdict == Verdict.FAILED and not self.holds_valid(test.stamp_ns)
 
     def append(self, test: Test) -> None:
         """Add a test and flush it to disk."""

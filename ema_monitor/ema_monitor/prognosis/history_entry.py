@@ -13,6 +13,7 @@ from ema_core.dates import has_date
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import (
     Estimate,
+    Verdict,
     estimate_of,
     estimate_record,
     plain,
@@ -96,7 +97,7 @@ class Entry:
         return self.estimate.end_ns - self.shift_ns
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """Verdict of the estimate."""
         return self.estimate.verdict
 
@@ -112,7 +113,7 @@ class UnusedCycle:
 
     stamp_ns: int
     """Time of the window's end, by which tests are ordered [ns]."""
-    verdict: str
+    verdict: Verdict
     reasons: tuple[Reason, ...] = ()
     """Verdict of the estimate, and the reasons why it is not valid."""
     flown: FlownDuty = NOTHING_FLOWN
@@ -216,7 +217,7 @@ def read_test(text: str) -> Test:
         compared = record.get("comparison")
         return UnusedCycle(
             record["end_ns"],
-            record["verdict"],
+            Verdict(record["verdict"]),
             reasons_of(record),
             flown,
             parts,

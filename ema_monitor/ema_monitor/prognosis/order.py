@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ema_core.faults import ECCENTRICITY_PHASE
-from ema_monitor.identification.estimate import SKIPPED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Test, UnusedCycle
 from ema_monitor.reasons import OrderUnknown, codes
@@ -67,7 +67,7 @@ def place_of(
     if received_ns and not by_clock:
         date_ns = max(received_ns, newest.stamp_ns + 1 if newest else 0)
         return Place(date_ns - end_ns)
-    if newest is None or end_ns > newest.stamp_ns or estimate.verdict == SKIPPED:
+    if newest is None or end_ns > newest.stamp_ns or estimate.verdict == Verdict.SKIPPED:
         return Place()
     if any(is_same(test, estimate) for test in reversed(history.tests)):
         return Place(is_known=True)
@@ -106,7 +106,7 @@ def since_clock_step_ns(tests: Sequence[Test], from_ns: int, by_clock: bool) -> 
     """Return the time of the first test after the latest clock step, at least ``from_ns`` [ns]."""
     after = None
     for test in reversed(tests):
-        if test.verdict == SKIPPED:
+        if test.verdict == Verdict.SKIPPED:
             continue
         if after is not None and is_after_step(after, test, by_clock):
             return after.stamp_ns

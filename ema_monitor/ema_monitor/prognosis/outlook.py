@@ -12,7 +12,7 @@ from ema_core.arrays import Array
 from ema_core.display import Displayed
 from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_monitor.health import Health, HealthLimits, assess
-from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
 from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.growth.check import TrackRecord
@@ -196,14 +196,14 @@ class Outlook(Displayed):
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
         """Return the outlook after a newer test that was refused."""
-        if test.verdict != FAILED:
+        if test.verdict != Verdict.FAILED:
             is_learning = any(isinstance(reason, Learning) for reason in test.reasons)
             words = "" if is_learning else "the newest test was refused: "
             stale = self.stale(f"{words}{test.reason}")
             if test.comparison is not None:
                 # The record was not judged: the index of an earlier record does not describe it.
                 stale = replace(stale, health=replace(stale.health, health_index=math.nan))
-            if test.verdict != DEPARTED:
+            if test.verdict != Verdict.DEPARTED:
                 return stale
             level = self.known_level if self.known_level in (WARN, ERROR) else WARN
             health = replace(stale.health, level=level, reason=test.reason)

@@ -13,15 +13,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_NAMES, FRICTION
 from ema_monitor import quantities as of
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.identification.estimate import (
-    DEPARTED,
-    FAILED,
-    INVERSE_DYNAMICS,
-    REFUSED,
-    SKIPPED,
-    VALID,
-    Estimate,
-)
+from ema_monitor.identification.estimate import INVERSE_DYNAMICS, Estimate, Verdict
 from ema_monitor.identification.joint_estimate import comparable_record, identify_record
 from ema_monitor.joint.comparison import Judgement
 from ema_monitor.joint.record import JointRecord
@@ -85,7 +77,11 @@ def judgement(result: Estimate, name: str) -> Judgement:
 
 def test_healthy_record_is_valid_and_unchanged(plain):
     result = estimate(plain, PLAIN)
-    assert (result.verdict, result.valid, result.algorithm) == (VALID, True, INVERSE_DYNAMICS)
+    assert (result.verdict, result.valid, result.algorithm) == (
+        Verdict.VALID,
+        True,
+        INVERSE_DYNAMICS,
+    )
     assert result.calibration_windows == 9
     assert judgement(result, of.FRICTION) is Judgement.UNCHANGED
     assert not result.causes
@@ -100,7 +96,7 @@ def test_healthy_record_is_valid_and_unchanged(plain):
 @pytest.mark.parametrize("factor", [1.15, 1.3, 2.0, 0.8])
 def test_increased_friction_is_the_fault_friction(plain, factor):
     result = estimate(plain, PLAIN.times(coulomb=factor))
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     assert result.comparison is not None
     friction = result.comparison[of.FRICTION]
     assert friction.judgement is Judgement.CHANGED
@@ -124,7 +120,7 @@ CAUSES = {
 @pytest.mark.parametrize(("factors", "cause", "size", "within"), CAUSES.values(), ids=CAUSES)
 def test_change_that_is_not_a_fault_is_a_cause(plain, factors, cause, size, within):
     result = estimate(plain, PLAIN.times(**factors))
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     (named,) = result.causes
     assert named.name == cause
     assert named.value == pytest.approx(size, abs=within)
@@ -167,7 +163,7 @@ def test_rivals_are_neither_faults_nor_causes():
     joint = Joint(inertia=0.0004, viscous=0.0, load=0.0)
     calibration = calibrated(joint)
     result = estimate(calibration, joint.times(coulomb=1.3))
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     assert result.comparison is not None
     assert result.comparison.changed
     for name in (of.FRICTION, of.TORQUE):
@@ -185,7 +181,7 @@ def test_play_between_motor_and_joint_is_backlash(with_play):
         Judgement.UNCHANGED
     )
     result = estimate(with_play, WITH_PLAY.times(play=2.0), sensors=MOTOR_SPEED)
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     assert result.comparison is not None
     play = result.comparison[of.PLAY]
     assert play.judgement is Judgement.CHANGED
@@ -239,7 +235,7 @@ def test_tracking_lag_is_the_delay_of_the_position_behind_the_command(plain):
 def test_tracking_is_not_judged_without_a_command():
     sensors = Sensors(command=False)
     result = estimate(calibrated(PLAIN, sensors), PLAIN, sensors=sensors)
-    assert result.verdict == VALID
+    assert result.verdict == Verdict.VALID
     assert result.comparison is not None
     assert result.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
     assert "no position command" in result.comparison[of.TRACKING].reason
@@ -288,7 +284,7 @@ def test_record_with_a_gap_in_the_measured_speed_is_refused():
     speed[100] = np.nan
     with_gap = replace(record, telemetry=replace(record.telemetry, speed=speed))
     result = identify_record(with_gap, described(MOTOR_SPEED), healthy)
-    assert result.verdict == REFUSED
+    assert result.verdict == Verdict.REFUSED
     assert "the speed is missing in some samples" in result.reason
 
 
@@ -297,7 +293,7 @@ def test_record_with_a_gap_in_the_measured_speed_is_refused():
 
 def test_noise_of_the_effort_departs_in_a_figure_though_no_quantity_has_changed(plain):
     result = estimate(plain, PLAIN, sensors=Sensors(noise=0.1))
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     assert result.comparison is not None
     assert not result.comparison.changed
     assert "effort_roughness" in {figure.name for figure in result.comparison.figures}
@@ -311,7 +307,7 @@ def test_noise_of_the_effort_departs_in_a_figure_though_no_quantity_has_changed(
 def test_figures_of_another_motion_are_not_compared(plain):
     motion = tones(speed=0.7)
     result = estimate(plain, PLAIN, sensors=Sensors(noise=0.1), motion=motion)
-    assert result.verdict == VALID
+    assert result.verdict == Verdict.VALID
     assert result.comparison is not None
     assert not result.comparison.figures
 
@@ -319,7 +315,7 @@ def test_figures_of_another_motion_are_not_compared(plain):
 @pytest.mark.parametrize("speed", [0.4, 1.8])
 def test_much_slower_or_faster_motion_is_not_judged(plain, speed):
     result = estimate(plain, PLAIN, motion=tones(speed=speed))
-    assert (result.verdict, result.valid) == (REFUSED, False)
+    assert (result.verdict, result.valid) == (Verdict.REFUSED, False)
     assert "expected 0.5 to 1.6 times" in result.reason
     found_speed = re.search(r"the speed is ([\d.]+) times", result.reason)
     assert found_speed is not None
@@ -338,15 +334,15 @@ def test_different_motion_within_the_range_gives_the_same_friction(plain, speed,
     assert result.comparison is not None
     assert result.comparison[of.FRICTION].change == pytest.approx(0.3, abs=0.035)
     assert judgement(result, of.FRICTION) is Judgement.CHANGED
-    assert estimate(plain, PLAIN, motion=motion).verdict == VALID
+    assert estimate(plain, PLAIN, motion=motion).verdict == Verdict.VALID
 
 
 def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
     fine = measured(PLAIN, motion=tones(h=0.002))
-    assert identify_record(fine, described(), plain).verdict == VALID
+    assert identify_record(fine, described(), plain).verdict == Verdict.VALID
     coarse = measured(PLAIN, motion=tones(200.0, h=0.2))
     result = identify_record(coarse, described(), plain)
-    assert result.verdict == REFUSED
+    assert result.verdict == Verdict.REFUSED
     # 0.24 over the cut-off of 2.125 Hz.
     assert "the sample period is 0.2 s, at most 0.113 s can be compared" in result.reason
 
@@ -361,7 +357,7 @@ def test_record_of_another_rate_is_not_used_as_an_example_of_its_state(plain):
         late = replace(record, stamp_ns=record.stamp_ns + number * 10**15)
         baseline = baseline.with_record("dry", late)
     result = estimate(replace(plain, baseline=baseline), PLAIN)
-    assert result.verdict == VALID
+    assert result.verdict == Verdict.VALID
     assert result.comparison is not None
     assert not result.comparison.states
 
@@ -372,7 +368,7 @@ def test_record_of_another_rate_is_not_used_as_an_example_of_its_state(plain):
 def test_short_record_is_refused_with_its_strokes_or_rows(plain):
     for seconds, words in ((3.0, "at least 3 in each direction"), (0.8, "rows of steady motion")):
         result = estimate(plain, PLAIN, motion=tones(seconds))
-        assert result.verdict == REFUSED
+        assert result.verdict == Verdict.REFUSED
         assert words in result.reason or "rows of steady motion" in result.reason
         assert result.comparison is not None
         assert len(result.comparison.quantities) == len(of.QUANTITIES)
@@ -382,7 +378,7 @@ def test_short_record_is_refused_with_its_strokes_or_rows(plain):
 def test_short_end_of_a_motion_with_too_few_strokes_is_skipped(plain):
     window = replace(measured(PLAIN, motion=tones(3.0)), is_remainder=True)
     result = identify_record(window, described(), plain)
-    assert result.verdict == SKIPPED
+    assert result.verdict == Verdict.SKIPPED
     assert "rows of steady motion" in result.reason
 
 
@@ -402,7 +398,7 @@ def seized(**columns: np.ndarray) -> Window:
 @pytest.mark.parametrize(("unit", "shown"), [("A", "A"), ("N.m", "N.m")])
 def test_blocked_shaft_is_a_failure(plain, unit, shown):
     result = identify_record(seized(), described(), replace(plain, effort_unit=unit))
-    assert (result.verdict, result.valid) == (FAILED, False)
+    assert (result.verdict, result.valid) == (Verdict.FAILED, False)
     assert "a blocked shaft, an open phase or a frozen sensor" in result.reason
     assert re.search(rf"at an effort of [\d.]+ {shown}:", result.reason)
 
@@ -410,18 +406,22 @@ def test_blocked_shaft_is_a_failure(plain, unit, shown):
 def test_joint_that_is_not_driven_has_not_failed(plain):
     n = len(measured(PLAIN).telemetry)
     off = identify_record(seized(current=np.full(n, 0.02)), described(), plain)
-    assert off.verdict == REFUSED
+    assert off.verdict == Verdict.REFUSED
     assert "is the drive off, a brake applied or a phase open?" in off.reason
     small = 0.1 * measured(PLAIN).telemetry.command
     stiction = replace(seized(), telemetry=replace(seized().telemetry, command=small))
-    assert identify_record(stiction, described(), plain).verdict == REFUSED
+    assert identify_record(stiction, described(), plain).verdict == Verdict.REFUSED
     rests = replace(seized(), telemetry=replace(seized().telemetry, command=np.zeros(n)))
-    assert identify_record(rests, described(), plain).verdict == REFUSED
+    assert identify_record(rests, described(), plain).verdict == Verdict.REFUSED
 
 
 @pytest.mark.parametrize(
     ("how", "verdict"),
-    [({}, REFUSED), ({"is_dropped": True}, SKIPPED), ({"is_cut_off": True}, SKIPPED)],
+    [
+        ({}, Verdict.REFUSED),
+        ({"is_dropped": True}, Verdict.SKIPPED),
+        ({"is_cut_off": True}, Verdict.SKIPPED),
+    ],
 )
 def test_refused_window_keeps_its_reason(plain, how, verdict):
     result = identify_record(Refusal(1, 2, StatedReason("some reason"), **how), described(), plain)
@@ -436,7 +436,7 @@ def test_missing_columns_are_named(plain, with_play):
     lost = telemetry_of(WITH_PLAY, tones(), MOTOR_SPEED, day=LATER)
     lost = replace(lost, speed=np.full(len(lost), math.nan))
     result = identify_record(window(lost), described(MOTOR_SPEED), with_play)
-    assert result.verdict == REFUSED
+    assert result.verdict == Verdict.REFUSED
     assert "the speed is missing in some samples" in result.reason
 
 
@@ -444,11 +444,11 @@ def test_calibration_of_another_unit_is_refused_unless_forced(plain):
     unit = replace(described(), serial_number="J2")
     record = measured(PLAIN.times(coulomb=1.3))
     result = identify_record(record, unit, plain)
-    assert result.verdict == REFUSED
+    assert result.verdict == Verdict.REFUSED
     assert "the calibration does not fit" in result.reason
     assert "'J2'" in result.reason
     forced = identify_record(record, unit, plain, force=True)
-    assert forced.verdict == DEPARTED
+    assert forced.verdict == Verdict.DEPARTED
     assert forced.reason.startswith("forced although ")
     assert forced.faults.friction == pytest.approx(0.15, abs=0.018)
 
@@ -499,7 +499,7 @@ def test_factor_of_the_effort_is_named(plain, factor, words):
     record = measured(PLAIN)
     telemetry = replace(record.telemetry, current=factor * record.telemetry.current)
     refused = identify_record(replace(record, telemetry=telemetry), described(), plain)
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert words in refused.reason
     ratio = re.findall(r"the effort is (\S+) times", refused.reason)[0]
     assert float(ratio) == pytest.approx(factor, rel=0.1)
@@ -515,7 +515,7 @@ def test_constant_effort_is_refused_as_a_failed_sensor(plain, value, h):
     record = measured(PLAIN, motion=tones(h=h))
     dead = with_effort(record, np.full(len(record.telemetry), value))
     refused = identify_record(dead, described(), plain)
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert "throughout, although the joint moves" in refused.reason
     assert "failed sensor" in refused.reason
     assert refused.comparison is not None
@@ -535,7 +535,7 @@ def test_noise_alone_is_not_a_healthy_effort(plain):
     record = measured(PLAIN)
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(record.telemetry))
     refused = identify_record(with_effort(record, noise), described(), plain)
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert "failed sensor" in refused.reason
 
 
@@ -562,14 +562,14 @@ def test_factor_of_the_effort_is_named_by_friction_alone(friction_alone, factor,
     record = measured(LIGHT, NOISY)
     scaled = with_effort(record, factor * record.telemetry.current)
     refused = identify_record(scaled, described(), friction_alone)
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert words in refused.reason
 
 
 @pytest.mark.parametrize("factor", [0.5, 3.0, 8.0])
 def test_friction_alone_may_grow_several_times(friction_alone, factor):
     result = estimate(friction_alone, LIGHT.times(coulomb=factor), sensors=NOISY)
-    assert result.verdict == DEPARTED
+    assert result.verdict == Verdict.DEPARTED
     assert result.comparison is not None
     friction = result.comparison[of.FRICTION]
     assert friction.low < friction.high
@@ -584,7 +584,7 @@ def test_negative_inertia_is_refused_as_a_late_effort(plain, viscous, late_s):
     refused = identify_record(
         with_effort(record, np.roll(record.telemetry.current, count)), described(), plain
     )
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert re.search(r"the (friction|inertia) is -", refused.reason)
     assert "is the effort delayed" in refused.reason
 
@@ -642,7 +642,7 @@ def test_factor_of_the_position_is_named(plain, factor, words):
     record = measured(PLAIN)
     telemetry = replace(record.telemetry, position=factor * record.telemetry.position)
     refused = identify_record(replace(record, telemetry=telemetry), described(), plain)
-    assert refused.verdict == REFUSED
+    assert refused.verdict == Verdict.REFUSED
     assert words in refused.reason
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from ema_core.columns.repetition import between_renewals, held_samples, irregular_updates
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.identification.estimate import DEPARTED, REFUSED
+from ema_monitor.identification.estimate import Verdict
 from ema_monitor.identification.joint_estimate import comparable_record, identify_record
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.quantities import FRICTION, TRACKING
@@ -70,7 +70,7 @@ def test_repeated_position_changes_no_judgement(calibration, held, names):
         identify_record(window_of(record), described(), calibration)
         for record in (plain, repeated(plain, held, names))
     )
-    assert actual.verdict != DEPARTED
+    assert actual.verdict != Verdict.DEPARTED
     assert expected.comparison is not None
     if not actual.valid:
         assert [reason.code for reason in actual.reasons] == ["other_updates"]
@@ -88,7 +88,7 @@ def test_repeated_position_changes_no_judgement(calibration, held, names):
 def test_irregular_updates_of_the_position_are_no_departure(calibration, mean, names):
     plain = telemetry_of(JOINT, tones(), Sensors(), seed=9, day=60)
     estimate = identify_record(window_of(irregular(plain, mean, names)), described(), calibration)
-    assert estimate.verdict == REFUSED
+    assert estimate.verdict == Verdict.REFUSED
     assert [reason.code for reason in estimate.reasons] == ["other_updates"]
     updates = irregular_updates(irregular(plain, mean).position)
     assert updates is not None
@@ -101,7 +101,7 @@ def test_changed_friction_is_detected_with_irregular_updates(calibration, mean):
     rough = replace(JOINT, coulomb=1.5 * JOINT.coulomb)
     telemetry = irregular(telemetry_of(rough, tones(), Sensors(), seed=9, day=60), mean)
     estimate = identify_record(window_of(telemetry), described(), calibration)
-    assert estimate.verdict == DEPARTED
+    assert estimate.verdict == Verdict.DEPARTED
     assert estimate.comparison is not None
     assert estimate.comparison[FRICTION].change == pytest.approx(0.5, abs=0.1)
 
@@ -112,7 +112,7 @@ def test_records_with_irregular_updates_are_compared_with_each_other():
     plain = telemetry_of(JOINT, tones(), Sensors(), seed=9, day=60)
     estimate = identify_record(window_of(irregular(plain, 2.2, seed=99)), described(), calibration)
     assert estimate.valid
-    assert estimate.verdict != DEPARTED
+    assert estimate.verdict != Verdict.DEPARTED
 
 
 @pytest.mark.parametrize("count", [0.0, 1e-5, 2e-4, 1.5e-3, 6e-3])

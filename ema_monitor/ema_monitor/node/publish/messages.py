@@ -36,7 +36,7 @@ from ema_monitor.baselines.progress import BaselineProgress
 from ema_monitor.baselines.unit_baseline import UnitBaseline
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.diagnosis import Diagnosed
-from ema_monitor.identification.estimate import VERDICTS, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.joint.comparison import JUDGEMENTS, Comparison
 from ema_monitor.joint.curve import FrictionCurve
@@ -76,7 +76,7 @@ def estimate_to_message(
         measured=[_hidden_cause(cause) for cause in estimate.measured],
         quantities=_quantities(estimate.comparison),
         alternatives=[Confusion(**pair.as_record()) for pair in estimate.alternatives],
-        verdict=VERDICTS.index(estimate.verdict),
+        verdict=tuple(Verdict).index(estimate.verdict),
         excitation_limit=MIN_TRAVEL,
         reason_codes=list(codes(estimate.reasons)),
     )
@@ -209,7 +209,7 @@ def advice_to_message(
 
 def window_fit_to_message(fit: WindowFit, diagnosed: Diagnosed) -> WindowFitMessage:
     """Return the signals of a window, measured and modelled, as a message."""
-    verdict = VERDICTS.index(diagnosed.estimate.verdict)
+    verdict = tuple(Verdict).index(diagnosed.estimate.verdict)
     return _filled_message(
         WindowFitMessage,
         diagnosed.description,
@@ -248,7 +248,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
         assessment,
         stamp=stamp_to_message(test.entry.end_ns),
         flight_hours=test.hours,
-        verdict=VERDICTS.index(estimate.verdict),
+        verdict=tuple(Verdict).index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
         sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
         insignificant=fault_bits(UnitTest, "insignificant", estimate.insignificant),

@@ -13,7 +13,7 @@ from ema_monitor.baselines.changes import BaselineChange, ChangeKind
 from ema_monitor.baselines.unit_baseline import InUseError, UnitBaseline
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.diagnosis import Diagnosed
-from ema_monitor.identification.estimate import VALID, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.identification.joint_estimate import learning_estimate
 from ema_monitor.joint.learning import unusable
 from ema_monitor.node.publish.actuators import Actuators
@@ -141,7 +141,7 @@ class Baselines:
         """
         description, estimate = diagnosed.description, diagnosed.estimate
         comparison = estimate.comparison
-        if not self.learns(description) or estimate.verdict != VALID or comparison is None:
+        if not self.learns(description) or estimate.verdict != Verdict.VALID or comparison is None:
             return
         if comparison.has_departed or comparison.doubtful:
             return

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibrations import CalibrationStore
-from ema_monitor.identification.estimate import SKIPPED, Estimate
+from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.intake import Use
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.settings import Operation
@@ -77,11 +77,12 @@ class UnitPrognoses:
             # Whether it is the newest test is uncertain, and so is the level.
             if unit.history.newest is not None:
                 resumed = unit.resume(self.parameters(description), settings)
-                return None if estimate.verdict == SKIPPED or not resumed else resumed.stale(reason)
+                is_skipped = estimate.verdict == Verdict.SKIPPED
+                return None if is_skipped or not resumed else resumed.stale(reason)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self._log.failed(description.actuator_id, PROGNOSIS, error)
-        if estimate.verdict == SKIPPED:
+        if estimate.verdict == Verdict.SKIPPED:
             return None
         claim = Claim(estimate.end_ns, now_ns, self._histories.author, settings.good_for_s)
         if estimate.valid:
