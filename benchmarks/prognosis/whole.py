@@ -19,6 +19,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
     RequirementLimits,
     Requirements,
+    Unmonitored,
     requirements_of,
 )
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -121,8 +122,8 @@ def _failure_hours(life: SimulatedLife) -> float:
 
 def _requirements() -> Requirements:
     requirements = requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
-    if isinstance(requirements, str):
-        raise RuntimeError(requirements)
+    if isinstance(requirements, Unmonitored):
+        raise RuntimeError(requirements.reason)
     return requirements
 
 

@@ -40,6 +40,7 @@ from ema_monitor.prognosis.pending_events import PendingEvents
 from ema_monitor.prognosis.requirements.requirements import (
     WITHOUT_MODEL,
     RequirementLimits,
+    Unmonitored,
     requirements_of,
 )
 from ema_monitor.prognosis.sentences import cause_of_level
@@ -562,7 +563,7 @@ class Unit:
         """Return the outlook from the valid tests."""
         if not self.history.entries:
             return unknown_outlook("no valid test so far")
-        limits, requirements = self._settings.requirements, None
+        limits, requirements = self._settings.requirements, Unmonitored()
         if parameters is not None:
             requirements = requirements_of(parameters, limits)
         elif limits != RequirementLimits() or not self.history.entries[-1].estimate.is_of_record:

@@ -75,7 +75,7 @@ def test_life_of_a_joint_mentions_requirements_only_if_they_were_requested():
         assert not last.rul.known
         for reason in (last.rul.reason, last.rul_requirements.reason, last.health.reason):
             assert ("requirements" in reason) <= are_wanted
-        assert (WITHOUT_MODEL in last.rul.reason) == are_wanted
+        assert (WITHOUT_MODEL.reason in last.rul.reason) == are_wanted
 
 
 def test_departure_warns_before_the_fault_does():

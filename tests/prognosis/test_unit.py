@@ -22,6 +22,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
     RequirementLimits,
+    Unmonitored,
     requirements_of,
 )
 from ema_monitor.prognosis.sentences import cause_of_level
@@ -83,7 +84,7 @@ def test_trends_agree_with_the_laws(grown):
     growth = np.array([trends.get(name, 0.0) for name in FAULT_NAMES])
     growth *= [name in ("friction", "backlash") for name in FAULT_NAMES]
     requirements = requirements_of(PARAMETERS, RequirementLimits())
-    assert not isinstance(requirements, str)
+    assert not isinstance(requirements, Unmonitored)
     before, after = requirements.model.performance([now - 60 * growth, now + 60 * growth])[-1]
     assert trends["torque_margin"] == pytest.approx((after - before) / 120.0, rel=0.15)
 

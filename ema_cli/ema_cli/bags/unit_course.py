@@ -30,7 +30,11 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
-from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, requirements_of
+from ema_monitor.prognosis.requirements.requirements import (
+    REQUIREMENTS,
+    Unmonitored,
+    requirements_of,
+)
 from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.counts import read_counts
 from ema_monitor.recordings.windows import BagWindows, RecordedWindow, truth_at
@@ -356,9 +360,8 @@ def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np
         for number, fault in enumerate(FAULTS)
         if fault.limit is not None
     ]
-    requirements = ""
     if parameters is not None:
         requirements = requirements_of(parameters, settings.requirements)
-    if not isinstance(requirements, str):
-        shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
+        if not isinstance(requirements, Unmonitored):
+            shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
     return np.max(shares, axis=0)

@@ -28,7 +28,7 @@ from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.outlook import Outlook, Removal
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
-from ema_monitor.prognosis.requirements.requirements import Requirements
+from ema_monitor.prognosis.requirements.requirements import Requirements, Unmonitored
 from ema_monitor.prognosis.sentences import SOON_HOURS
 from ema_monitor.prognosis.settings import PrognosisSettings
 
@@ -77,7 +77,7 @@ def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
 def outlook_of(
     growth: GrowthRecord,
     settings: PrognosisSettings,
-    requirements: Requirements | str | None,
+    requirements: Requirements | Unmonitored,
     shown: Mapping[str, Estimate],
     recent: Collection[str],
     intermittent: Mapping[str, Recurrence],
@@ -91,8 +91,7 @@ def outlook_of(
     settings
         Limits, horizon and duty.
     requirements
-        Requirements of the unit, or the reason why they cannot be monitored. None for a joint
-        without a drive model, which has no requirements.
+        Requirements of the unit, or the reason why they cannot be monitored.
     shown
         Estimate of the latest test that showed each fault, by fault.
     recent
@@ -137,9 +136,12 @@ def outlook_of(
             value, sigma = (getattr(row, name) for row in (last.faults, last.sigma))
             judged[name] = Tracked(value, sigma, is_recent=name in recent)
     health = assess(entry.estimate, limits, judged, intermittent)
-    required = _required(growth, entry.estimate, tracked, prognosis, horizon, limits, requirements)
-    if isinstance(required, str):
-        required = RequiredLife.unknown(required, settings.requirements)
+    if isinstance(requirements, Unmonitored):
+        required = RequiredLife.unknown(requirements.reason, settings.requirements)
+    else:
+        required = _required(
+            growth, entry.estimate, tracked, prognosis, horizon, limits, requirements
+        )
     health = with_requirements(health, required.healths)
     rul = earlier(prognosis.overall, required.overall, required.with_limits)
     worst = worst_of((*health.faults, *health.requirements))
@@ -202,16 +204,9 @@ def _required(
     prognosis: Prognosis,
     horizon_hours: float,
     limits: HealthLimits,
-    requirements: Requirements | str | None,
-) -> RequiredLife | str:
-    """Return the remaining life according to the requirements, or the reason why it is unknown.
-
-    The reason is "" for a joint, which has no requirements.
-    """
-    if requirements is None:
-        return ""
-    if isinstance(requirements, str):
-        return requirements
+    requirements: Requirements,
+) -> RequiredLife:
+    """Return the remaining life according to the requirements."""
     faults, covariance = _latest_faults(growth, estimate, tracked)
     compliance = requirements.judge(faults, covariance, warn_share=limits.warn_share)
     if growth.service.unknown or np.isnan(faults).any():

@@ -66,7 +66,17 @@ class RequirementLimits(Checked):
         return _criterion(name, getattr(self, name))
 
 
-WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration of a known drive"
+@dataclass(frozen=True)
+class Unmonitored:
+    """Requirements that cannot be monitored."""
+
+    reason: str = ""
+    """Reason as a sentence; empty for a joint without a drive model, which has no requirements."""
+
+
+WITHOUT_MODEL: Final = Unmonitored(
+    "requirements cannot be monitored without a calibration of a known drive"
+)
 """Reason why no requirement is monitored without a model of the drive."""
 
 
@@ -227,12 +237,12 @@ class Requirements:
 @lru_cache(_MOST_UNITS)
 def requirements_of(
     parameters: ActuatorParameters, limits: RequirementLimits
-) -> Requirements | str:
+) -> Requirements | Unmonitored:
     """Return the (cached) requirements of a unit, or the reason why they cannot be monitored."""
     try:
         return Requirements(parameters, limits)
     except ValueError as error:
-        return f"requirements cannot be monitored: {error}"
+        return Unmonitored(f"requirements cannot be monitored: {error}")
 
 
 def _criterion(name: str, limit: float) -> str:
