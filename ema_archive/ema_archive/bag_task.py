@@ -15,6 +15,7 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.counts import read_counts
 from ema_monitor.recordings.finding import find_recorded_windows
 from ema_monitor.recordings.windows import BagWindows, RecordedWindow
@@ -186,7 +187,8 @@ def _without_window(bag_windows: BagWindows) -> str:
     """Return the reason why a bag has no window or record."""
     name = bag_windows.description.actuator_id
     if not bag_windows.description.is_modelled:
-        return f"actuator {name!r} has no record to compare: {bag_windows.obstacle}"
+        why = text_of(bag_windows.obstacle) if bag_windows.obstacle else ""
+        return f"actuator {name!r} has no record to compare: {why}"
     if not bag_windows.has_rested:
         why = "the command never rested"
     elif bag_windows.longest_motion_s:

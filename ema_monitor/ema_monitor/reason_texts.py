@@ -166,6 +166,18 @@ def _order_unknown(reason: of.OrderUnknown) -> str:
     )
 
 
+def _run_too_short(reason: of.RunTooShort) -> str:
+    lost = f" ({counted(reason.lost, 'sample')} lost)" if reason.lost else ""
+    if reason.is_record:
+        longest = f"{reason.longest * reason.period:.2g} s"
+        pieces = f"at most {longest} without a gap{lost}" if lost else f"only {longest}"
+        return f"a record needs {reason.length_s:g} s of motion, and the telemetry has {pieces}"
+    return (
+        f"a window of {reason.length_s:g} s has {reason.samples} samples after its start, and "
+        f"there are never more than {reason.longest} samples without a gap{lost}"
+    )
+
+
 def _learning(reason: of.Learning) -> str:
     counts = counted(reason.records, "record")
     if reason.records:
@@ -441,6 +453,28 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.MotorStill: "no excitation: the motor stands still although the command moves",
     of.NotDetermined: ("no excitation: the {r.subject} determines no fault better than its range"),
+    of.CommandMissing: (
+        "windows are cut by the position command, and the telemetry has no command: map it, or "
+        "describe the drive as unknown, which needs no command"
+    ),
+    of.RunTooShort: _run_too_short,
+    of.PieceTooShort: (
+        "a record needs {r.least_s:g} s of motion, and the longest piece has {r.longest_s:.2g} s"
+    ),
+    of.TravelTooSmall: (
+        "a record needs a travel of {r.least:.2g} rad, and the position travels {r.travel:.2g} rad"
+    ),
+    of.CommandTravelTooSmall: (
+        "window_s = {r.window_s:g} s: the command never travels {r.least:g} rad within it"
+    ),
+    of.MotionTooShort: (
+        "window_s = {r.window_s:g} s: the longest motion after a rest of {r.rest_s:g} s lasts "
+        "{r.longest_s:.3g} s"
+    ),
+    of.NeverAtRest: (
+        "rest_s = {r.rest_s:g} s, threshold = {r.threshold:g} rad: the command was never at rest "
+        "in {r.seen_s:.0f} s"
+    ),
     of.NoCalibration: (
         "there is no calibration yet: {r.file} is missing; calibrate on the healthy unit"
     ),

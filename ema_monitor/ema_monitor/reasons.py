@@ -408,6 +408,76 @@ class NotDetermined(Reason, code="not_determined"):
     subject: Subject
 
 
+# Telemetry without a window or record.
+
+
+@dataclass(frozen=True)
+class CommandMissing(Reason, code="command_missing"):
+    """The telemetry of a modelled drive lacks the position command, which delimits windows."""
+
+
+@dataclass(frozen=True)
+class RunTooShort(Reason, code="run_too_short"):
+    """The telemetry without a gap is too short for a window or record."""
+
+    period: float
+    """Sample period [s]."""
+    length_s: float
+    samples: int
+    """Shortest length of a window or record [s], and its number of samples."""
+    longest: int
+    """Largest number of samples without a gap."""
+    lost: int
+    """Number of lost samples."""
+    is_record: bool
+    """Whether records are sought; else windows."""
+
+
+@dataclass(frozen=True)
+class PieceTooShort(Reason, code="piece_too_short"):
+    """The longest motion is too short for a record. Times in s."""
+
+    longest_s: float
+    least_s: float
+
+
+@dataclass(frozen=True)
+class TravelTooSmall(Reason, code="travel_too_small"):
+    """The travel of the position [rad] is too small for a record."""
+
+    travel: float
+    least: float
+
+
+@dataclass(frozen=True)
+class CommandTravelTooSmall(Reason, code="command_travel_too_small"):
+    """The command never travels ``least`` [rad] within a window."""
+
+    window_s: float
+    """Length of a window [s]."""
+    least: float
+
+
+@dataclass(frozen=True)
+class MotionTooShort(Reason, code="motion_too_short"):
+    """The longest motion after a rest is shorter than a window. Times in s."""
+
+    window_s: float
+    rest_s: float
+    longest_s: float
+
+
+@dataclass(frozen=True)
+class NeverAtRest(Reason, code="never_at_rest"):
+    """The command never rested."""
+
+    rest_s: float
+    threshold: float
+    """A rest: the command stays within ``threshold`` [rad] for ``rest_s`` [s]."""
+    seen_s: float
+    """Length of the telemetry [s]."""
+
+
 # The calibration.
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.telemetry import Telemetry
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import Reason
 
 Kind = TypeVar("Kind")
 H = 1e-4
@@ -20,6 +22,11 @@ def stream(command: NDArray[np.float64], first_index: int = 1) -> Telemetry:
     count = np.arange(len(command), dtype=float)
     columns = (command, count, 1e6 + count, 2e6 + count)
     return Telemetry(START_NS + PERIOD_NS * first_index, H, first_index, *columns)
+
+
+def sentence(reason: Reason | None) -> str:
+    """Return the sentence of a reason; empty for None."""
+    return joined(filter(None, [reason]))
 
 
 def only(kind: type[Kind], events: Sequence[object]) -> list[Kind]:

@@ -15,7 +15,7 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
-from .streams import START_NS, H, blocks, only, stream
+from .streams import START_NS, H, blocks, only, sentence, stream
 
 FLAP = ActuatorDescription()
 SETTINGS = TriggerSettings(window_s=0.05, rest_s=0.01)
@@ -142,26 +142,26 @@ def test_end_of_telemetry_ends_the_window_and_a_new_start_is_not_a_gap():
 def test_setting_that_the_motion_does_not_satisfy_is_named_after_three_motions():
     finder = WindowFinder(replace(SETTINGS, window_s=0.06), FLAP)
     fed(finder, cycles(2))
-    assert finder.obstacle == ""
+    assert finder.obstacle is None
     fed(finder, cycles(2, first_index=2 * len(CYCLE) + 1))
-    assert finder.obstacle == (
+    assert sentence(finder.obstacle) == (
         "window_s = 0.06 s: the longest motion after a rest of 0.01 s lasts 0.05 s"
     )
     finder.restart(SETTINGS, SettingsChanged())
-    assert finder.obstacle == ""
+    assert finder.obstacle is None
     fed(finder, cycles(4, first_index=4 * len(CYCLE) + 1))
-    assert (finder.windows, finder.obstacle) == (4, "")
+    assert (finder.windows, finder.obstacle) == (4, None)
 
 
 def test_command_that_never_rests_is_named_with_the_definition_of_rest():
     finder = WindowFinder(replace(SETTINGS, rest_s=10.0), FLAP)
     fed(finder, cycles(112), size=10_000)
-    assert finder.obstacle == (
+    assert sentence(finder.obstacle) == (
         "rest_s = 10 s, threshold = 1e-06 rad: the command was never at rest in 10 s"
     )
     too_little = WindowFinder(replace(SETTINGS, windows="any_motion"), FLAP)
     fed(too_little, stream(1e-2 * np.tile(CYCLE, 4)))
-    assert "the command never travels" in too_little.obstacle
+    assert "the command never travels" in sentence(too_little.obstacle)
 
 
 def kept_samples(finder: WindowFinder) -> tuple[int, int]:
@@ -231,8 +231,8 @@ def test_modelled_drive_without_a_command_is_reported():
     finder = WindowFinder(SETTINGS, FLAP)
     assert fed(finder, replace(whole, command=np.empty(0))) == []
     assert finder.finish() == []
-    assert "the telemetry has no command" in finder.shortage
+    assert "the telemetry has no command" in sentence(finder.shortage)
     assert finder.obstacle == finder.shortage
     unknown = WindowFinder(SETTINGS, replace(FLAP, drive="unknown"))
     fed(unknown, replace(whole, command=np.empty(0)))
-    assert "command" not in unknown.obstacle
+    assert "command" not in sentence(unknown.obstacle)

@@ -20,6 +20,7 @@ from ema_monitor.reasons import (
     NoTravel,
     OtherUnit,
     Reason,
+    RunTooShort,
     StateProbability,
     codes,
 )
@@ -100,6 +101,29 @@ def test_number_that_json_does_not_have_is_restored():
 def test_stretches_with_the_same_reason_are_counted_in_its_sentence():
     reason = NotConverged(stretches=2, of_stretches=5)
     assert text_of(reason) == ("the search was stopped before it converged (in 2 of 5 stretches)")
+
+
+@pytest.mark.parametrize(
+    ("reason", "text"),
+    [
+        (
+            RunTooShort(0.01, 2.0, 200, 100, 0, is_record=True),
+            "a record needs 2 s of motion, and the telemetry has only 1 s",
+        ),
+        (
+            RunTooShort(0.01, 2.0, 200, 100, 7, is_record=True),
+            "a record needs 2 s of motion, and the telemetry has at most 1 s without a gap "
+            "(7 samples lost)",
+        ),
+        (
+            RunTooShort(0.01, 0.5, 50, 40, 1, is_record=False),
+            "a window of 0.5 s has 50 samples after its start, and there are never more than 40 "
+            "samples without a gap (1 sample lost)",
+        ),
+    ],
+)
+def test_short_telemetry_is_compared_with_a_window_or_record(reason: RunTooShort, text: str):
+    assert text_of(reason) == text
 
 
 def test_codes_are_unique():

@@ -12,12 +12,14 @@ from ema_core.acquisition import Acquisition
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.reasons import MalformedBlock
+from ema_monitor.reasons import MalformedBlock, PieceTooShort
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.records import MOST_RECORD_SAMPLES, RecordTrigger, stands_still
 from ema_monitor.windows.trigger import ANY_MOTION, Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
+
+from .streams import sentence
 
 H = 0.01
 UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
@@ -345,14 +347,15 @@ def test_piece_without_enough_motion_is_ignored_with_the_reason(
         assert not any(isinstance(event, Segment) for event in [*events, *finder.finish()])
         assert finder.passed_over == number
     assert finder.windows == 0
-    assert finder.shortfall == finder.obstacle == reason
+    assert finder.shortfall == finder.obstacle
+    assert sentence(finder.shortfall) == reason
 
 
 def test_telemetry_in_short_pieces_is_reported():
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
     for number in range(8):
         finder.feed(telemetry(sine(1.0), first_index=1 + 250 * number))
-    assert finder.obstacle == (
+    assert sentence(finder.obstacle) == (
         "a record needs 2 s of motion, and the telemetry has at most 1 s without a gap "
         "(1050 samples lost)"
     )
@@ -373,7 +376,7 @@ def test_ten_test_cycles_are_one_record_and_a_single_one_is_ignored():
     finder = WindowFinder(TriggerSettings(), replace(UNKNOWN, sample_period=1e-3))
     assert [*finder.feed(chirps(1)), *finder.finish()] == []
     assert finder.passed_over == 1
-    assert finder.shortfall.startswith("a record needs 2 s of motion, and the longest piece has")
+    assert isinstance(finder.shortfall, PieceTooShort)
 
 
 def test_stamps_that_contradict_the_sample_period_refuse_the_record():

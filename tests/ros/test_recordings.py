@@ -13,6 +13,7 @@ from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.finding import read_windows
 from ema_monitor.recordings.windows import BagWindows, WindowPlace, WindowsOnDemand
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -105,11 +106,13 @@ def test_pieces_too_short_for_a_record_are_reported(path: Path):
     recording = read_windows(recorded(path, blocks_of(short, 50)), SETTINGS)
     # The first and the last bin, of 0.03 s each, do not count.
     reason = "a record needs 2 s of motion, and the longest piece has 0.92 s"
-    assert (recording.windows, recording.obstacle) == ([], reason)
+    assert recording.windows == []
+    assert recording.obstacle is not None
+    assert text_of(recording.obstacle) == reason
     long = np.concatenate([short, motion(5.0)])
     recording = read_windows(recorded(path.with_name("long.mcap"), blocks_of(long, 50)), SETTINGS)
     assert len(recording.windows) == 1
-    assert recording.obstacle == ""
+    assert recording.obstacle is None
     assert f"1 piece of the telemetry ignored: {reason}" in recording.remarks
     assert "1 record" in str(recording)
 

@@ -19,6 +19,7 @@ from ema_core.quantity import Checked, quantity
 from ema_core.telemetry import Telemetry
 from ema_monitor.model.measured import GRAMMAR, measured_causes_of
 from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.finding import find_recorded_windows
 from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.records import LEAST_MOTION_S
@@ -192,14 +193,15 @@ def identifiable_windows(
 def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -> str:
     """Return the reason why a bag has no window, from the motion of command or position."""
     settings = source.trigger
+    obstacle = text_of(bag_windows.obstacle) if bag_windows.obstacle else ""
     if not bag_windows.description.is_modelled:
-        reason = bag_windows.obstacle or (
+        reason = obstacle or (
             f"a record requires {LEAST_MOTION_S:g} s of motion, but the position never changes"
         )
         return f"{path} has no record to diagnose (no excitation): {reason}"
     if source.any_motion:
-        if bag_windows.obstacle:
-            return f"{path} has no window to diagnose: {bag_windows.obstacle}"
+        if obstacle:
+            return f"{path} has no window to diagnose: {obstacle}"
         return (
             f"{path} has no motion to diagnose (no excitation): the command never travels "
             f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
@@ -219,7 +221,7 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
     return (
         f"{path} has no window to diagnose (no excitation): a window requires a command moving "
         f"back and forth for {settings.window_s:g} s after a rest (--any-motion: any motion), "
-        f"but {behaviour}" + (f"; {bag_windows.obstacle}" if bag_windows.obstacle else "")
+        f"but {behaviour}" + (f"; {obstacle}" if obstacle else "")
     )
 
 

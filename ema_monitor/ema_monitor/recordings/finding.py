@@ -20,6 +20,7 @@ from ema_core.telemetry import Telemetry
 from ema_core.wording import counted
 from ema_monitor.intake import Intake
 from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
+from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.windows import BagWindows, RecordedWindow, WindowPlace
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
@@ -156,7 +157,7 @@ def find_recorded_windows(
             if on_block is not None:
                 on_block(item)
     take(event for event in intake.finish() if isinstance(event, Segment))
-    obstacle = finder.shortage or finder.obstacle or ("" if windows else finder.shortfall)
+    obstacle = finder.shortage or finder.obstacle or (None if windows else finder.shortfall)
     truths = _recorded_truths(recorded)
     first_ns = first.stamp_ns if first else 0
     remarks = [
@@ -169,7 +170,7 @@ def find_recorded_windows(
         remarks.append(f"{counted(lost, 'lost sample')} of {samples + lost} interpolated")
     if windows and finder.shortfall:
         pieces = counted(finder.passed_over, "piece")
-        remarks.append(f"{pieces} of the telemetry ignored: {finder.shortfall}")
+        remarks.append(f"{pieces} of the telemetry ignored: {text_of(finder.shortfall)}")
     if wrong:
         count = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {count}, the latest: {wrong[-1]}")

@@ -18,6 +18,7 @@ from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, bridged, excerpt
 from ema_core.wording import counted
+from ema_monitor.reasons import Reason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults
@@ -113,8 +114,8 @@ class BagWindows:
     """Longest motion that gave no window [s], of the command or, for records, of the position."""
     has_rested: bool
     """Whether the command (for records, the position) was ever at rest."""
-    obstacle: str
-    """Reason why no window was complete; empty if a window was, or if the reason is unknown."""
+    obstacle: Reason | None
+    """Reason why no window was complete; None if a window was, or if the reason is unknown."""
     truths: list[StampedFaults]
     """True faults of the actuator by test cycle, in order, if the bag records them."""
     flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)

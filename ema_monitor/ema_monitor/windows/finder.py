@@ -11,8 +11,17 @@ from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, lost_between
-from ema_core.wording import counted
-from ema_monitor.reasons import DescriptionChanged, MalformedBlock, OtherPeriod, Reason
+from ema_monitor.reasons import (
+    CommandMissing,
+    CommandTravelTooSmall,
+    DescriptionChanged,
+    MalformedBlock,
+    MotionTooShort,
+    NeverAtRest,
+    OtherPeriod,
+    Reason,
+    RunTooShort,
+)
 from ema_monitor.windows.records import LEAST_MOTION_S, MOST_RECORD_SAMPLES, RecordTrigger
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
@@ -141,12 +150,12 @@ class WindowFinder:
         return self._trigger.passed_over if self._trigger else 0
 
     @property
-    def shortfall(self) -> str:
+    def shortfall(self) -> Reason | None:
         """Reason why the longest skipped motion is not a record.
 
-        The string is empty if no motion was skipped, or if the windows are not records.
+        None if no motion was skipped, or if the windows are not records.
         """
-        return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
+        return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else None
 
     @property
     def interpolated_samples(self) -> int:
@@ -159,59 +168,43 @@ class WindowFinder:
         return self._trigger is not None and self._trigger.has_rested
 
     @property
-    def shortage(self) -> str:
-        """Reason why no complete window has been possible so far; otherwise empty."""
-        if self._sample_period is None:
-            return ""
+    def shortage(self) -> Reason | None:
+        """Reason why no complete window has been possible so far; None if one has been."""
+        period = self._sample_period
+        if period is None:
+            return None
         if self._trigger is not None and not self.finds_records and self._lacks_command:
-            return (
-                "windows are cut by the position command, and the telemetry has no command: map "
-                "it, or describe the drive as unknown, which needs no command"
-            )
-        samples = round(self.window_s / self._sample_period)
-        if self._longest_run > samples:
-            return ""
-        lost = f" ({counted(self.lost_samples, 'sample')} lost)" if self.lost_samples else ""
-        if self.finds_records:
-            longest = f"{self._longest_run * self._sample_period:.2g} s"
-            pieces = f"at most {longest} without a gap{lost}" if lost else f"only {longest}"
-            return f"a record needs {LEAST_MOTION_S:g} s of motion, and the telemetry has {pieces}"
-        return (
-            f"a window of {self.window_s:g} s has {samples} samples after its start, and there are "
-            f"never more than {self._longest_run} samples without a gap{lost}"
+            return CommandMissing()
+        window_s, longest = self.window_s, self._longest_run
+        samples = round(window_s / period)
+        if longest > samples:
+            return None
+        return RunTooShort(
+            period, window_s, samples, longest, self.lost_samples, is_record=self.finds_records
         )
 
     @property
-    def obstacle(self) -> str:
-        """Cause why there has been no window since the settings were applied.
+    def obstacle(self) -> Reason | None:
+        """Reason why there has been no window since the settings were applied.
 
-        The cause is a setting with its value, or a lack of telemetry or motion. The string is empty
-        if there was a window, or if no cause is known.
+        The reason names a setting with its value, or a lack of telemetry or motion. None if there
+        was a window, or if the reason is unknown.
         """
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
-            return ""
+            return None
         seen_s = self._samples * self._sample_period
-        if seen_s > self.window_s and self.shortage:
-            return self.shortage
+        if seen_s > self.window_s and (shortage := self.shortage):
+            return shortage
         if self.finds_records:
-            return self.shortfall if trigger.passed_over >= _MANY_MOTIONS else ""
+            return self.shortfall if trigger.passed_over >= _MANY_MOTIONS else None
         if trigger.passed_over >= _MANY_MOTIONS:
-            return (
-                f"window_s = {self.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
-                "within it"
-            )
+            return CommandTravelTooSmall(self.window_s, MIN_TRAVEL)
         if trigger.short_motions >= _MANY_MOTIONS and trigger.longest_motion_s < settings.window_s:
-            return (
-                f"window_s = {settings.window_s:g} s: the longest motion after a rest of "
-                f"{settings.rest_s:g} s lasts {trigger.longest_motion_s:.3g} s"
-            )
+            return MotionTooShort(settings.window_s, settings.rest_s, trigger.longest_motion_s)
         if settings.windows != ANY_MOTION and not trigger.has_rested and seen_s > LOOKBACK_S:
-            return (
-                f"rest_s = {settings.rest_s:g} s, threshold = {settings.threshold:g} rad: the "
-                f"command was never at rest in {seen_s:.0f} s"
-            )
-        return ""
+            return NeverAtRest(settings.rest_s, settings.threshold, seen_s)
+        return None
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
         """Apply a description; return the completed windows and defects.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, lost_between
-from ema_monitor.reasons import Reason, TooManySamples
+from ema_monitor.reasons import PieceTooShort, Reason, TooManySamples, TravelTooSmall
 from ema_monitor.windows.blocks import BlockStamp, LatestBlocks
 from ema_monitor.windows.rest import PositionBin, PositionBins, SteadyRun
 from ema_monitor.windows.trigger import (
@@ -117,7 +117,7 @@ class RecordTrigger(WindowTrigger):
     Attributes
     ----------
     shortfall
-        Reason why the longest skipped motion is not a record; empty if none was skipped.
+        Reason why the longest skipped motion is not a record; None if none was skipped.
     interpolated
         Number of lost samples that were interpolated.
     """
@@ -125,7 +125,7 @@ class RecordTrigger(WindowTrigger):
     def __init__(
         self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
     ) -> None:
-        self.shortfall = ""
+        self.shortfall: Reason | None = None
         self.interpolated = 0
         super().__init__(parameters, settings)
 
@@ -382,20 +382,12 @@ class RecordTrigger(WindowTrigger):
             return Refusal(window.start_ns, window.end_ns, cause)
         return window
 
-    def _shortfall(self, moved_s: float, travel: float) -> str:
-        """Return the reason why a piece with this motion and travel is not a record, or ""."""
+    def _shortfall(self, moved_s: float, travel: float) -> Reason | None:
+        """Return the reason why a piece with this motion and travel is not a record, or None."""
         if moved_s < LEAST_MOTION_S:
-            return (
-                f"a record needs {LEAST_MOTION_S:g} s of motion, and the longest piece has "
-                f"{moved_s:.2g} s"
-            )
+            return PieceTooShort(moved_s, LEAST_MOTION_S)
         least = max(MIN_TRAVEL, _LEAST_TRAVEL_IN_THRESHOLDS * self._threshold)
-        if travel < least:
-            return (
-                f"a record needs a travel of {least:.2g} rad, and the position travels "
-                f"{travel:.2g} rad"
-            )
-        return ""
+        return TravelTooSmall(travel, least) if travel < least else None
 
     def _forget(self) -> None:
         """Drop blocks before the earliest possible start of a record."""

@@ -15,6 +15,7 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.quantities import FAULTS_OF_RECORDS
+from ema_monitor.reason_texts import text_of
 from ema_ros.status import (
     CHECK_FUNCTION,
     DIAGNOSTICS_ACTIVE,
@@ -128,9 +129,9 @@ def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
         level, message = WARN, "no telemetry so far"
     elif unit.tally.reason:
         level, message = WARN, str(unit.tally)
-    elif finder.obstacle:
+    elif obstacle := finder.obstacle:
         missing_text = "no record so far" if finder.finds_records else "no window can be complete"
-        level, message = WARN, f"{missing_text}: {finder.obstacle}"
+        level, message = WARN, f"{missing_text}: {text_of(obstacle)}"
     else:
         level, message = OK, f"{unit.valid} valid estimates"
     if unit.is_silent and finder.blocks:
