@@ -95,6 +95,9 @@ def test_change_of_a_value_has_the_kind_of_its_direction():
     ]
     assert [change.kind for change in changes] == ["step", "repair", "calibration"]
     assert text_of(changes[0]) == ("friction rose from 0.100 to 0.200, confirmed by the next test")
+    assert text_of(replace(changes[1], component="short_circuit_a")).startswith(
+        "short circuit A fell from 0.100 to 0.200"
+    )
     assert text_of(changes[2]).startswith("the baseline changed, so that values relate to a new ")
 
 

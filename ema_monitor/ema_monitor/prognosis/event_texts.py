@@ -26,23 +26,23 @@ def event_in_words(event: UnitEvent) -> str:
 
 def _values_disagree(event: of.ValuesDisagree) -> str:
     return (
-        f"{event.component} {event.before:.3f} at {event.before_hours:.1f} h and "
+        f"{label_of(event.component)} {event.before:.3f} at {event.before_hours:.1f} h and "
         f"{event.after:.3f} at {event.hours:.1f} h disagree; waiting for the next test"
     )
 
 
 def _value_unexpected(event: of.ValueUnexpected) -> str:
     return (
-        f"{event.component} {event.value:.3f} at {event.hours:.1f} h where {event.expected:.3f} ± "
-        f"{event.sigma:.3f} was expected; held back until the next test"
+        f"{label_of(event.component)} {event.value:.3f} at {event.hours:.1f} h where "
+        f"{event.expected:.3f} ± {event.sigma:.3f} was expected; held back until the next test"
     )
 
 
 def _value_changed(event: of.ValueChanged) -> str:
     verb = "fell" if event.is_smaller else "rose"
     text = (
-        f"{event.component} {verb} from {event.before:.3f} to {event.after:.3f}, confirmed by the "
-        "next test"
+        f"{label_of(event.component)} {verb} from {event.before:.3f} to {event.after:.3f}, "
+        "confirmed by the next test"
     )
     if event.is_new_baseline:
         return f"the baseline changed, so that values relate to a new healthy state: {text}"
