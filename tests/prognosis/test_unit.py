@@ -283,7 +283,7 @@ def test_first_test_alone_ends_no_life():
 def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     """A permanent switch would leave the test after it without service hours."""
     prognostics = Unit(History(*UNIT))
-    cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
+    cycles = [worn(n, {0: 0.0, 5: 3.0}.get(n, math.nan)) for n in range(9)]
     outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
     assert [item.flight_hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
     assert [text_of(event.occurrence) for item in outlooks for event in item.events] == [

@@ -68,10 +68,10 @@ class PendingEvents:
     def ignored_usage(self, count: Count | None, hours_per_cycle: float) -> list[Occurrence]:
         """Return the event that counts are ignored because ``hours_per_cycle`` is set, as a list.
 
-        The list is empty if there is no count, if the parameter is 0, or if the event was returned
-        before.
+        The list is empty if there is no count above 0 h, if the parameter is 0, or if the event was
+        returned before.
         """
-        if count is None or hours_per_cycle <= 0.0 or self._ignores_usage:
+        if count is None or count.hours <= 0.0 or hours_per_cycle <= 0.0 or self._ignores_usage:
             return []
         self._ignores_usage = True
         return [CountIgnored(count.hours, hours_per_cycle)]
