@@ -27,7 +27,7 @@ class EventKind(StrEnum):
     """Tests or samples are missing."""
     RESTART = "restart"
     """The monitor started or restarted."""
-    SERVICE_HOURS = "service hours"
+    SERVICE_HOURS = "service_hours"
     """The counts of service hours contradict each other, or are not used."""
     HISTORY = "history"
     """The history could not be read or was begun again."""

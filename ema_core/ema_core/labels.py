@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Displayed names of faults, hidden causes and required performances."""
+"""Displayed names of faults, hidden causes, required performances and kinds of events."""
 
 from typing import Final
 
@@ -12,5 +12,5 @@ _LABELS: Final = {item.name: item.label for item in (*FAULTS, *CAUSES)} | {
 
 
 def label_of(name: str) -> str:
-    """Return the label of a fault, hidden cause, kind of fault, required performance or figure."""
+    """Return the label of a fault, hidden cause, required performance, figure or kind."""
     return _LABELS.get(name) or name.replace("_", " ")

@@ -62,8 +62,10 @@ def test_each_occurrence_has_a_sentence_and_a_kind(code: str):
     text = text_of(occurrence)
     assert text
     assert not re.search(r"[{}<]|None|event\.", text)
-    assert event_in_words(UnitEvent(0, 1.0, occurrence)) == f"{occurrence.kind}: {text}"
+    kind = occurrence.kind.replace("_", " ")
+    assert event_in_words(UnitEvent(0, 1.0, occurrence)) == f"{kind}: {text}"
     assert occurrence.kind in EventKind
+    assert " " not in occurrence.kind
 
 
 @pytest.mark.parametrize("code", OCCURRENCES)

@@ -249,7 +249,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
         axes.axvline(x, label="event", **_EVENT)
         if is_named:
             axes.annotate(
-                event.kind,
+                label_of(event.kind),
                 (x, 0.98),
                 xycoords=axes.get_xaxis_transform(),
                 rotation=90,

@@ -21,7 +21,7 @@ def text_of(occurrence: Occurrence) -> str:
 
 def event_in_words(event: UnitEvent) -> str:
     """Return kind and sentence of an event."""
-    return f"{event.kind}: {text_of(event.occurrence)}"
+    return f"{label_of(event.kind)}: {text_of(event.occurrence)}"
 
 
 def _values_disagree(event: of.ValuesDisagree) -> str:

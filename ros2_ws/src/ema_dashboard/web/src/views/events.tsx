@@ -20,7 +20,7 @@ const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
   calibration: { sign: "■", colour: "model", word: "calibration" },
   gap: { sign: "▬", colour: "stale", word: "gap" },
   restart: { sign: "↻", colour: "data", word: "restart" },
-  "service hours": { sign: "◷", colour: "data", word: "service hours" },
+  service_hours: { sign: "◷", colour: "data", word: "service hours" },
   history: { sign: "▤", colour: "stale", word: "history" },
   note: { sign: "✎", colour: "data", word: "note" },
 };
