@@ -180,7 +180,7 @@ class LatestHealths:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
             # The health after the refused test states the reason as well.
             is_stated = received.health.measured == actuator.refused.header.stamp
-            if not is_stated and Learning.code not in actuator.refused.reason_codes:
+            if not is_stated and list(actuator.refused.reason_codes) != [Learning.code]:
                 reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:
             reasons.append(actuator.friction)

@@ -101,8 +101,8 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const isDeparted = estimate?.verdict === DEPARTED;
   const learning = isLearning(actuator) ? actuator.baseline : undefined;
   // Records of a learning joint give no estimate; any other reason is a defect of the record.
-  const isOfLearning = estimate?.reason_codes?.includes("learning") &&
-    (!learning || estimate.reason_codes.length === 1);
+  const isOfLearning = estimate?.reason_codes?.length === 1 &&
+    estimate.reason_codes[0] === "learning";
   const isRefused = estimate !== undefined && (!estimate.valid || isDeparted) && !isOfLearning;
   return (
     <section class={`card head ${classOf(level)}`} aria-labelledby="name">
@@ -139,7 +139,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
         <div class="summary">
           <div>
             <Wrong actuator={actuator} health={health} />
-            <WhatToDo advice={actuator.advice} removal={health.removal}
+            <WhatToDo advice={actuator.advice} health={health}
               isDeparted={isDeparted && health.level !== ERROR} />
           </div>
           {fault && columns && columns.hours.length > 0 && (

@@ -3,7 +3,8 @@
 
 import type { ComponentChildren } from "preact";
 import { hours, percent, significant } from "../format.ts";
-import { ACTIONS, type Advice } from "../messages.ts";
+import { ACTIONS, type Advice, type Health } from "../messages.ts";
+import { whenToRemove } from "./life.tsx";
 
 const WHAT: Record<string, (at: string) => string> = {
   continue: (at) => `Continue, and decide again ${at}`,
@@ -20,23 +21,20 @@ export function Folded({ title, children }: { title: string; children: Component
 }
 
 /** Recommended inspection of a departed unit, advice if costs are set, and time of removal. */
-export function WhatToDo({ advice, removal, isDeparted }: {
-  advice?: Advice; removal: string; isDeparted: boolean;
+export function WhatToDo({ advice, health, isDeparted }: {
+  advice?: Advice; health: Health; isDeparted: boolean;
 }) {
   const look = isDeparted && (
     <p class="what"><strong>Check the unit:</strong> its latest test differs from healthy tests.</p>
   );
   const action = ACTIONS[advice?.action ?? 0] ?? "unknown";
-  const [what, ...more] = removal.split(/(?= \()|(?<=:)/);
   if (!advice || action === "unknown") {
-    return removal ? (
+    return health.removal ? (
       <div class="todo">
         <h2>What to do</h2>
         {look}
-        <div class="removal">
-          <strong>{isPhone() ? what?.replace(/:$/, "") : what}</strong>
-          <Folded title="Why">{more.join("")}</Folded>
-        </div>
+        <p class="what"><strong>Remove: {whenToRemove(health)}</strong></p>
+        <Folded title="Why"><p class="removal">{health.removal}</p></Folded>
       </div>
     ) : null;
   }
@@ -54,7 +52,7 @@ export function WhatToDo({ advice, removal, isDeparted }: {
       </p>
       <Folded title="Why, and at what cost">
         {advice.reason && <p>{advice.reason}</p>}
-        <p class="removal">{removal}</p>
+        <p class="removal">{health.removal}</p>
         {Number.isFinite(advice.expected_cost) && (
           <p class="soft">
             {significant(advice.expected_cost, 3)} {unit}; if removed immediately,{" "}

@@ -27,29 +27,41 @@ export function Life({ life }: { life: RemainingUsefulLife }) {
   );
 }
 
-/** Service hour by which to remove the unit, for the accepted risk of failure. */
-export function RemoveBefore({ health }: { health: Health }) {
+/** Hours until the unit must be removed, for the accepted risk of failure; NaN without a date. */
+function hoursToRemoval(health: Health): number {
   const level = health.level === STALE ? health.last_level : health.level;
-  if (level === ERROR) return <strong>now</strong>;
-  const life = health.rul;
+  if (level === ERROR) return 0;
+  if (!health.rul.known) return NaN;
   // Old recordings have no removal risk.
-  const hours = health.removal_risk > 0 ? health.removal_hours : life.hours_05;
-  if (!life.known || !Number.isFinite(hours)) return <span class="soft">no date</span>;
-  if (hours < SOON_HOURS) return <strong>now</strong>;
+  return health.removal_risk > 0 ? health.removal_hours : health.rul.hours_05;
+}
+
+/** When to remove the unit: "now", "in 120 h" or "no date". */
+export function whenToRemove(health: Health): string {
+  const hours = hoursToRemoval(health);
+  if (!Number.isFinite(hours)) return "no date";
+  return hours < SOON_HOURS ? "now" : `in ${lifeHours(hours, health.rul)} h`;
+}
+
+/** When to remove the unit, with the service hour. */
+export function RemoveBefore({ health }: { health: Health }) {
+  const hours = hoursToRemoval(health);
+  const when = whenToRemove(health);
+  if (!Number.isFinite(hours)) return <span class="soft">{when}</span>;
+  if (hours < SOON_HOURS) return <strong>{when}</strong>;
   return (
     <span title={health.removal}>
-      <strong>in {lifeHours(hours, life)} h</strong>{" "}
-      <span class="soft nowrap">service {lifeHours(health.flight_hours + hours, life)} h</span>
+      <strong>{when}</strong>{" "}
+      <span class="soft nowrap">
+        service {lifeHours(health.flight_hours + hours, health.rul)} h
+      </span>
     </span>
   );
 }
 
-/** Reason for the level, without the leading `label` if that is shown next to it. */
-export function why(health: Health, label = ""): string {
-  if (health.cause) {
-    return label && health.cause.startsWith(`${label} `)
-      ? health.cause.slice(label.length + 1) : health.cause;
-  }
+/** Reason for the level. */
+export function why(health: Health): string {
+  if (health.cause) return health.cause;
   if (health.level !== OK) return health.reason;
   const well = "no fault or requirement gives a warning";
   return health.reason ? `${well}; ${health.reason}` : well;

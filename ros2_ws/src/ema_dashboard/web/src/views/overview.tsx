@@ -236,7 +236,7 @@ const Row = memo(({ actuator, hasNamespace, isAdvised }: {
       <td role="cell" class="c-cause">
         {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
         <small>
-          {silence(actuator)}{health ? why(health, dominant(actuator)) : waiting(actuator)}
+          {silence(actuator)}{health ? why(health) : waiting(actuator)}
         </small>
       </td>
       <td role="cell" class="c-life" data-label="Remaining life">
