@@ -187,8 +187,8 @@ def _without_window(bag_windows: BagWindows) -> str:
     """Return the reason why a bag has no window or record."""
     name = bag_windows.description.actuator_id
     if not bag_windows.description.is_modelled:
-        why = text_of(bag_windows.obstacle) if bag_windows.obstacle else ""
-        return f"actuator {name!r} has no record to compare: {why}"
+        why = f": {text_of(bag_windows.obstacle)}" if bag_windows.obstacle else ""
+        return f"actuator {name!r} has no record to compare{why}"
     if not bag_windows.has_rested:
         why = "the command never rested"
     elif bag_windows.longest_motion_s:

@@ -301,7 +301,7 @@ class MonitorStopped(Reason, code="monitor_stopped"):
     """The monitor was stopped before the window was identified."""
 
     stage: Stage
-    """Stage in which the monitor was stopped."""
+    """Stage of the window or record when the monitor was stopped."""
 
 
 @dataclass(frozen=True)
