@@ -89,7 +89,7 @@ def test_zero_stamps_are_rebuilt_and_reported(telemetry, tmp_path):
     recording = imported(tmp_path / "bag", joint_states())
     [run] = recording.runs
     assert recording.rebuilt == len(telemetry)
-    assert [item.name for item in recording.defects] == ["stamps_rebuilt"]
+    assert [item.kind for item in recording.defects] == ["stamps_rebuilt"]
     # Samples and commands equal those published, at regular stamps.
     expected = np.column_stack([getattr(telemetry, name) for name in recording.stream.filled])
     assert run.values == pytest.approx(expected, rel=1e-12)
@@ -136,7 +136,7 @@ def test_odrive_messages_give_the_telemetry_except_for_its_stamps(telemetry, tmp
     expected = np.column_stack([getattr(telemetry, name) for name in recording.stream.filled])
     # The messages have single precision.
     assert run.values == pytest.approx(expected, rel=1e-6, abs=1e-6)
-    assert {item.name for item in recording.defects} == {"stamps_rebuilt", "position_at_motor"}
+    assert {item.kind for item in recording.defects} == {"stamps_rebuilt", "position_at_motor"}
     assert recording.description.acquisition.current == "instantaneous"
 
 

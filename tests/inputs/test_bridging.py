@@ -121,7 +121,7 @@ def test_messages_without_a_stamp_get_regular_stamps(telemetry):
     target = bridge()
     blocks = run(target, telemetry, stamps, stamped=False, sent=sent)
     assert target.rebuilt > 0
-    assert "stamps_rebuilt" in {item.name for item in target.defects}
+    assert "stamps_rebuilt" in {item.kind for item in target.defects}
     position = np.concatenate([block.position for block in blocks])
     # The last messages wait for their successors.
     assert len(telemetry) - 320 < len(position) < len(telemetry)
@@ -164,7 +164,7 @@ def test_losses_leave_a_gap(telemetry):
 def test_telemetry_with_a_defect_is_withheld_before_a_window_is_complete(telemetry, factors, name):
     target = bridge()
     blocks = run(target, telemetry, stamps_of(telemetry), **factors)
-    assert [item.name for item in target.refused] == [name]
+    assert [item.kind for item in target.refused] == [name]
     moves = np.flatnonzero(telemetry.command != telemetry.command[-1])
     window_end = moves[-1]
     assert sum(len(block) for block in blocks) < window_end
@@ -177,7 +177,7 @@ def test_column_that_becomes_nan_after_good_data_is_an_error_with_its_name(telem
     cycle_ns = 1_000_000 * len(good)
     run(target, telemetry, good + cycle_ns, effort=np.nan)
     [defect] = target.refused
-    assert defect.name == "not_finite"
+    assert defect.kind == "not_finite"
     assert "current is not finite in 1700 of 3000 samples" in defect.text
     assert "or omit current" in defect.remedy
     run(target, telemetry, good + 2 * cycle_ns, effort=np.nan)
@@ -247,7 +247,7 @@ def test_lost_messages_end_no_record_and_are_counted():
     rng, target = np.random.default_rng(0), joint_bridge()
     lost = {*np.flatnonzero(rng.random(2400) < 0.02).tolist(), *range(1000, 1020)} - {0, 2399}
     blocks = send_moves(target, 12.0, lost=lost)
-    assert {item.name for item in target.defects} == {"lost_samples"}
+    assert {item.kind for item in target.defects} == {"lost_samples"}
     kept = [block for block in blocks if rng.random() > 0.02 or block in (blocks[0], blocks[-1])]
     assert len(kept) < len(blocks)
     finder = WindowFinder(TriggerSettings(), target.description)
@@ -277,7 +277,7 @@ def test_joint_without_a_command_becomes_telemetry_without_a_command():
 def test_speed_of_an_elastic_joint_is_a_note_and_withholds_nothing():
     target = joint_bridge()
     blocks = send_moves(target, 6.0, speed_factor=0.94)
-    assert [item.name for item in target.defects] == ["speed_ratio"]
+    assert [item.kind for item in target.defects] == ["speed_ratio"]
     assert sum(len(block) for block in blocks) == 1200
 
 
@@ -285,11 +285,11 @@ def test_unit_is_judged_again_after_the_first_stroke_before_telemetry_is_withhel
     """Evidence from one stroke withholds nothing; evidence from three strokes does."""
     target = joint_bridge(learn_s=0.5)
     blocks = send_moves(target, 0.8, speed_factor=57.29578)
-    assert [item.name for item in target.uncertain] == ["speed_unit"]
+    assert [item.kind for item in target.uncertain] == ["speed_unit"]
     assert (target.refused, target.withheld) == ([], 0)
     assert blocks
     send_moves(target, 6.0, begin=160, speed_factor=57.29578)
-    assert [item.name for item in target.refused] == ["speed_unit"]
+    assert [item.kind for item in target.refused] == ["speed_unit"]
     assert target.uncertain == []
     assert target.withheld > 0
 
@@ -297,9 +297,9 @@ def test_unit_is_judged_again_after_the_first_stroke_before_telemetry_is_withhel
 def test_defect_of_the_first_stroke_disappears_with_more_motion():
     target = joint_bridge(learn_s=0.5)
     send_moves(target, 0.8, speed_factor=-1.0)
-    assert [item.name for item in target.uncertain] == ["speed_sign_reversed"]
+    assert [item.kind for item in target.uncertain] == ["speed_sign_reversed"]
     blocks = send_moves(target, 8.0, begin=160)
-    assert [item.name for item in (*target.refused, *target.uncertain)] == []
+    assert [item.kind for item in (*target.refused, *target.uncertain)] == []
     assert target.withheld == 0
     assert sum(len(block) for block in blocks) == 8 * 200 - 160
 
@@ -315,7 +315,7 @@ def test_wraps_and_messages_of_zeros_are_bridged_live():
     assert len(position) == 1200
     assert wraps > 5
     assert (target.losses.wraps, target.losses.impossible) == (wraps, 2)
-    assert {item.name for item in target.defects} == {"angle_wraps", "impossible_samples"}
+    assert {item.kind for item in target.defects} == {"angle_wraps", "impossible_samples"}
     assert target.withheld == 0
     moved, true = (values - values[0] for values in (position, columns["position"]))
     np.testing.assert_allclose(moved, true, atol=0.02)
@@ -329,7 +329,7 @@ def test_spikes_and_outages_are_handled_live_as_in_files():
     target = joint_bridge()
     blocks = send_moves(target, 8.0, position=place, empty=range(1000, 1007))
     assert (target.losses.impossible, target.losses.lost) == (11, 7)
-    assert {item.name for item in target.defects} == {"impossible_samples", "lost_samples"}
+    assert {item.kind for item in target.defects} == {"impossible_samples", "lost_samples"}
     assert target.withheld == 0
     rows = np.concatenate([block.first_index - 1 + np.arange(len(block)) for block in blocks])
     np.testing.assert_array_equal(rows, np.delete(np.arange(1600), np.arange(1000, 1007)))
@@ -348,7 +348,7 @@ def test_messages_out_of_order_are_sorted_live():
         np.concatenate([block.position for block in blocks]), moves(6.0)[0]["position"]
     )
     assert target.losses.jumps == target.losses.lost == 0
-    assert [item.name for item in target.defects] == ["samples_reordered"]
+    assert [item.kind for item in target.defects] == ["samples_reordered"]
 
 
 @pytest.mark.parametrize("drift", [0.0, 1e-4])
@@ -385,7 +385,7 @@ def test_jitter_and_lost_samples_are_not_mistaken_for_a_second_publisher():
 def test_telemetry_of_two_publishers_is_withheld():
     target = joint_bridge(learn_s=0.5)
     send_moves(target, 6.0, publishers_ns=(0, 1_500_000))
-    assert "two_publishers" in [item.name for item in target.refused]
+    assert "two_publishers" in [item.kind for item in target.refused]
     assert target.withheld > 0
 
 

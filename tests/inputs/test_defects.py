@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Defects are named before any estimate, with their value and the correction of the mapping."""
 
+import re
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.defects import find_defects, not_finite, refused, stream_defects
 from ema_bags.inputs.resampling import Losses
 from ema_core.telemetry import COLUMNS
@@ -69,20 +72,20 @@ def test_correct_columns_have_no_defects(defects_of):
 )
 def test_defect_is_named_with_value_and_remedy(defects_of, changes, name, value, remedy):
     [defect] = defects_of(**changes)
-    assert (defect.name, defect.is_error) == (name, True)
+    assert (defect.kind, defect.is_error) == (name, True)
     assert value in defect.text
     assert remedy in defect.remedy
 
 
 def test_position_and_command_both_in_degrees_are_named_by_the_speed(defects_of):
-    names = {item.name for item in defects_of(position=57.29578, command=57.29578)}
+    names = {item.kind for item in defects_of(position=57.29578, command=57.29578)}
     assert names == {"position_unit", "command_unit"}
 
 
 def test_degrees_beyond_the_end_stop_are_named_without_a_speed(defects_of, mapped):
     mapping = mapped(speed=None)
     far = {"position": 57.29578 * 10, "command": 57.29578 * 10, "speed": lambda x: np.empty(0)}
-    assert {item.name for item in defects_of(mapping, **far)} == {"position_unit", "command_unit"}
+    assert {item.kind for item in defects_of(mapping, **far)} == {"position_unit", "command_unit"}
 
 
 def test_remedy_refers_to_the_mapping_in_use(defects_of, mapped):
@@ -97,14 +100,28 @@ def test_accepted_defect_does_not_forbid_estimates(defects_of, mapped):
     assert refused(defects, mapped(accept=["current_zero"])) == []
 
 
+def test_document_lists_all_kinds_of_defects_and_a_mapping_accepts_them(mapped):
+    page = Path(__file__).parents[2] / "docs" / "inputs.md"
+    section = page.read_text().split("## Reported defects")[1].split("\n## ")[0]
+    cells = re.findall(r"^\| (`.*?`) \|", section, re.MULTILINE)
+    listed = [name for cell in cells for name in re.findall("`(.*?)`", cell)]
+    kinds = set(DefectKind)
+    for name in [name for name in listed if name.startswith("COLUMN_")]:
+        of_columns = {name.replace("COLUMN", column) for column in COLUMNS} & kinds
+        assert of_columns, name
+        listed += of_columns
+    assert {name for name in listed if not name.startswith("COLUMN_")} == kinds
+    assert mapped(accept=[kind.value for kind in DefectKind]).accept == tuple(DefectKind)
+
+
 def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(defects_of, mapped):
     [defect] = defects_of(mapped(position={"source": "p", "shaft": "motor"}))
-    assert (defect.name, defect.is_error) == ("position_at_motor", False)
+    assert (defect.kind, defect.is_error) == ("position_at_motor", False)
 
 
 def test_current_kind_that_contradicts_the_drive_is_named(defects_of, mapped):
     [defect] = defects_of(mapped(current={"source": "i", "kind": "i_q"}))
-    assert (defect.name, defect.is_error) == ("drive_of_i_q", True)
+    assert (defect.kind, defect.is_error) == ("drive_of_i_q", True)
     assert "drive: field_oriented in the description" in defect.remedy
 
 
@@ -116,7 +133,7 @@ def test_unknown_drive_is_not_checked_against_default_limits(telemetry, columns,
     [defect] = find_defects(
         columns | {"current": -columns["current"]}, telemetry.stamps_ns, mapped(), unknown
     )
-    assert defect.name == "current_sign_reversed"
+    assert defect.kind == "current_sign_reversed"
 
 
 def test_actuator_at_rest_has_no_defects(telemetry, mapped):
@@ -159,11 +176,11 @@ def test_no_fault_or_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapp
 
 def test_losses_and_wrong_stamps_are_named_with_their_number():
     losses = Losses(samples=1000, lost=3, gaps=2, filled=5, jumps=1, repeated=4)
-    defects = {item.name: item for item in stream_defects(losses, 6)}
-    assert "3 samples of 1003 missing in 2 gaps" in defects["lost_samples"].text
-    assert "5 lost samples interpolated linearly" in defects["filled_samples"].text
-    assert "decreases 1 time and repeats 4 times" in defects["time_not_monotonic"].text
-    assert "6 stamps of 1000 reconstructed" in defects["stamps_rebuilt"].text
+    defects = {item.kind: item for item in stream_defects(losses, 6)}
+    assert "3 samples of 1003 missing in 2 gaps" in defects[DefectKind.LOST_SAMPLES].text
+    assert "5 lost samples interpolated linearly" in defects[DefectKind.FILLED_SAMPLES].text
+    assert "decreases 1 time and repeats 4 times" in defects[DefectKind.TIME_NOT_MONOTONIC].text
+    assert "6 stamps of 1000 reconstructed" in defects[DefectKind.STAMPS_REBUILT].text
     assert not any(item.is_error for item in defects.values())
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
     assert mostly.is_error

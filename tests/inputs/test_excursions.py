@@ -97,7 +97,7 @@ def test_corrupt_command_is_bridged_and_the_sensors_are_kept(mapped, size, lengt
     columns["command"][1700 : 1700 + length] += size
     got = imported(mapped(), columns, stamps, 250.0)
     [defect] = got.defects
-    assert (defect.name, defect.is_error) == ("impossible_samples", False)
+    assert (defect.kind, defect.is_error) == ("impossible_samples", False)
     assert got.stream.losses.impossible == length
     for name in ("position", "speed", "current"):
         np.testing.assert_array_equal(got.columns[name], true[name])
@@ -110,7 +110,7 @@ def test_command_beyond_all_travel_for_longer_is_reported(mapped, length):
     columns["command"][1200 : 1200 + length] = -32768.0
     got = imported(mapped(), columns, stamps, 250.0)
     [defect] = [item for item in got.defects if item.is_error]
-    assert (defect.name, defect.is_certain) == ("command_range", False)
+    assert (defect.kind, defect.is_certain) == ("command_range", False)
     assert "the command is -3.277e+04 rad, far outside the travel from -0.2" in defect.text
     assert f"in {length} samples of 3000" in defect.text
 
@@ -132,7 +132,7 @@ def test_outage_of_zeros_is_a_gap(mapped, rate_hz, length):
     for values in columns.values():
         values[first : first + length] = 0.0
     got = imported(mapped(), columns, stamps, rate_hz)
-    assert {item.name: item.is_error for item in got.defects} == {
+    assert {item.kind: item.is_error for item in got.defects} == {
         "lost_samples": False,
         "impossible_samples": False,
     }
@@ -148,7 +148,7 @@ def test_zeros_in_a_moving_command_are_a_gap(mapped, rate_hz, length):
     first = int(np.flatnonzero(steps > 0.5 * np.max(steps))[len(stamps) // 10])
     columns["command"][first : first + length] = 0.0
     got = imported(mapped(), columns, stamps, rate_hz)
-    assert {item.name: item.is_error for item in got.defects} == {
+    assert {item.kind: item.is_error for item in got.defects} == {
         "lost_samples": False,
         "impossible_samples": False,
     }
@@ -174,7 +174,7 @@ def test_step_of_the_position_is_reported(mapped, rate_hz, size):
     columns, stamps = moves(rate_hz=rate_hz)
     columns["position"][round(0.6 * len(stamps)) :] += size
     got = imported(mapped(), columns, stamps, rate_hz)
-    assert "position_jumps" in [item.name for item in got.defects if item.is_error]
+    assert "position_jumps" in [item.kind for item in got.defects if item.is_error]
 
 
 @pytest.mark.parametrize("length", [5, 9, 30])
@@ -185,7 +185,7 @@ def test_longer_excursion_of_the_position_is_reported(mapped, length, at):
     row = round(at * len(stamps))
     columns["position"][row : row + length] += 0.2
     got = imported(mapped(), columns, stamps, 250.0)
-    assert "position_jumps" in [item.name for item in got.defects if item.is_error]
+    assert "position_jumps" in [item.kind for item in got.defects if item.is_error]
 
 
 def test_position_after_repeated_values_does_not_count_as_a_jump(mapped):
@@ -194,4 +194,4 @@ def test_position_after_repeated_values_does_not_count_as_a_jump(mapped):
     for values in columns.values():
         values[row - 10 : row + 10] = values[row - 10]
     got = imported(mapped(), columns, stamps, 200.0)
-    assert [item.name for item in got.defects] == []
+    assert [item.kind for item in got.defects] == []

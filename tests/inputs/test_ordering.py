@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.ordering import settled_samples, sorting_order
 from ema_bags.inputs.publishers import two_publishers
@@ -26,7 +27,7 @@ def test_samples_slightly_out_of_order_are_sorted(mapped, rate_hz, late):
     shuffled = {name: values[order] for name, values in columns.items()}
     got = imported(mapped(), shuffled, stamps[order], rate_hz)
     [defect] = got.defects
-    assert (defect.name, defect.is_error) == ("samples_reordered", False)
+    assert (defect.kind, defect.is_error) == ("samples_reordered", False)
     assert got.stream.losses.reordered == np.count_nonzero(order != np.arange(len(order)))
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]
@@ -60,7 +61,7 @@ def test_second_publisher_at_a_fraction_of_the_rate_is_an_error(mapped, times, o
     source = np.concatenate([np.arange(len(stamps)), rows])[order]
     doubled = {name: values[source] for name, values in columns.items()}
     got = imported(mapped(), doubled, both[order], 500.0)
-    [defect] = [item for item in got.defects if item.name == "two_publishers"]
+    [defect] = [item for item in got.defects if item.kind == "two_publishers"]
     assert defect.is_error
     assert f"one at 500 Hz, the other at {500 / times:.4g} Hz" in defect.text
 
@@ -77,13 +78,14 @@ def test_second_publisher_that_repeats_the_values_is_a_note_with_both_rates(mapp
     late = stamps + 1_400_000 + rng.integers(-60_000, 60_000, len(stamps))
     doubled = {name: np.repeat(values, 2) for name, values in columns.items()}
     got = imported(mapped(), doubled, np.column_stack([stamps, late]).ravel(), 250.0)
-    by_name = {item.name: item for item in got.defects}
-    assert {name: item.is_error for name, item in by_name.items()} == {
+    by_kind = {item.kind: item for item in got.defects}
+    assert {kind: item.is_error for kind, item in by_kind.items()} == {
         "values_repeat": False,
         "two_publishers": False,
     }
     assert (
-        "published 2 times: updated at 250 Hz, published at 500 Hz" in by_name["values_repeat"].text
+        "published 2 times: updated at 250 Hz, published at 500 Hz"
+        in by_kind[DefectKind.VALUES_REPEAT].text
     )
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]

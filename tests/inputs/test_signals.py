@@ -46,7 +46,7 @@ def test_states_renewed_at_200_hz_and_published_at_1000_hz_are_resampled(mapped)
     got = imported(mapped(), columns, stamps, 1000.0)
     assert 1.0 / got.description.sample_period == pytest.approx(200.0)
     [defect] = got.defects
-    assert (defect.name, defect.is_error) == ("values_repeat", False)
+    assert (defect.kind, defect.is_error) == ("values_repeat", False)
     assert "published 5 times: updated at 200 Hz, published at 1000 Hz" in defect.text
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]
@@ -118,7 +118,7 @@ def test_wraps_are_counted_by_the_import(mapped):
         columns[name] = wrapped(columns[name] + np.pi, 2.0 * np.pi, -np.pi)
     got = imported(mapped(), columns, stamps, 200.0)
     [defect] = got.defects
-    assert (defect.name, defect.is_error) == ("angle_wraps", False)
+    assert (defect.kind, defect.is_error) == ("angle_wraps", False)
     moved = got.columns["position"]
     np.testing.assert_allclose(moved - moved[0], true - true[0], atol=1e-12)
 
@@ -165,7 +165,7 @@ def test_single_impossible_sample_is_a_note(mapped, name, value):
     columns[name][1500] = value
     got = imported(mapped(), columns, stamps, 200.0)
     [defect] = got.defects
-    assert (defect.name, defect.is_error) == ("impossible_samples", False)
+    assert (defect.kind, defect.is_error) == ("impossible_samples", False)
     assert "1 sample of 2400 physically impossible" in defect.text
     near = np.max(np.abs(true[1495:1506] - true[1500]))
     assert abs(got.columns[name][1500] - true[1500]) <= near
@@ -175,7 +175,7 @@ def test_many_impossible_samples_are_an_error(mapped):
     columns, stamps = moves()
     columns["current"][::50] = 9.9e37
     got = imported(mapped(), columns, stamps, 200.0)
-    [defect] = [item for item in got.defects if item.name == "impossible_samples"]
+    [defect] = [item for item in got.defects if item.kind == "impossible_samples"]
     assert defect.is_error
 
 
@@ -286,7 +286,7 @@ def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scale
         {"": Series(telemetry.stamps_ns, telemetry.stamps_ns, columns)}, mapped(), described(1000)
     )
     repeats, *remaining = got.defects
-    assert repeats.name == "values_repeat"
+    assert repeats.kind == "values_repeat"
     assert f"{held} times" in repeats.text
     is_whole = len(names) == 3
     assert repeats.is_error == (not is_whole)
@@ -294,4 +294,4 @@ def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scale
     words = " ".join(str(item.remedy) for item in got.defects)
     assert "tau" not in words
     assert "scale" not in words
-    assert all(item.name == "gear_ratio" and "too slow" in item.remedy for item in remaining)
+    assert all(item.kind == "gear_ratio" and "too slow" in item.remedy for item in remaining)

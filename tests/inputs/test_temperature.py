@@ -83,7 +83,7 @@ def test_sensor_that_starts_late_has_no_values_before_its_first_reading(mapped):
 def test_kelvin_read_as_celsius_is_an_error_that_names_the_unit(mapped):
     recording = imported(mapped, series(warming(), 1.0, 273.15))
     [defect] = refused(recording.defects, recording.mapping)
-    assert defect.name == "temperature_range"
+    assert defect.kind == "temperature_range"
     assert "temperature 304.3 degC, expected -130 to 270" in defect.text
     assert "temperature: {unit: K}" in defect.remedy
     assert recording.rises == []
@@ -158,5 +158,5 @@ def test_bridge_reports_an_impossible_temperature_and_withholds_nothing():
     bridge = bridge_of({"topic": STATES, "source": "motor_temperature"})
     blocks, rises, _ = driven(bridge, motor_temperature=306.0)
     assert rises == []
-    assert [defect.name for defect in bridge.uncertain] == ["temperature_range"]
+    assert [defect.kind for defect in bridge.uncertain] == ["temperature_range"]
     assert sum(map(len, blocks)) >= 799

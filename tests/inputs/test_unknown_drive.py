@@ -32,7 +32,7 @@ def test_lagging_joint_has_no_defect(mapped):
 @pytest.mark.parametrize("factor", [0.6, 0.9, 0.956, 1.05, 1.6])
 def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, factor):
     [defect] = defects_of(mapped(), {"speed": factor})
-    assert (defect.name, defect.is_error) == ("speed_ratio", False)
+    assert (defect.kind, defect.is_error) == ("speed_ratio", False)
     assert f"the speed is {factor:.3g} times the derivative of the position over" in defect.text
     assert "strokes: elasticity, lag or sampling" in defect.text
     assert "tau" not in defect.remedy
@@ -41,7 +41,7 @@ def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, facto
 @pytest.mark.parametrize("factor", [0.3, 2.7, 22.0])
 def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
     [defect] = defects_of(mapped(), {"speed": factor})
-    assert (defect.name, defect.is_error) == ("speed_ratio", False)
+    assert (defect.kind, defect.is_error) == ("speed_ratio", False)
     assert "no unit, sign or shaft explains it" in defect.text
 
 
@@ -66,7 +66,7 @@ def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
     mapped, changes, name, remedy
 ):
     [defect] = defects_of(mapped(), changes)
-    assert (defect.name, defect.is_error, defect.is_certain) == (name, True, True)
+    assert (defect.kind, defect.is_error, defect.is_certain) == (name, True, True)
     assert remedy in defect.remedy
 
 
@@ -80,14 +80,14 @@ def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
 )
 def test_product_of_two_units_is_named_with_both(mapped, factor, names):
     defects = defects_of(mapped(), {"speed": factor})
-    assert {item.name for item in defects} == names
+    assert {item.kind for item in defects} == names
     assert all(item.is_error for item in defects)
 
 
 def test_unit_of_one_stroke_is_an_error_that_does_not_withhold_yet(mapped):
     mapping = mapped()
     defects = defects_of(mapping, {"speed": RPM}, seconds=0.5)
-    assert [item.name for item in refused(defects, mapping)] == ["speed_unit"]
+    assert [item.kind for item in refused(defects, mapping)] == ["speed_unit"]
     assert withholding(defects, mapping) == []
 
 
@@ -112,7 +112,7 @@ def test_rate_that_differs_by_a_few_per_cent_is_a_note(mapped):
     series = Series(stamps, stamps, {name: values for name, values in columns.items()})
     imported = import_series({"": series}, mapped(), joint(200.0))
     [defect] = imported.defects
-    assert (defect.name, defect.is_error) == ("other_rate", False)
+    assert (defect.kind, defect.is_error) == ("other_rate", False)
     assert "rate is 195 Hz, but the description has 200" in defect.text
     assert imported.description.sample_period == pytest.approx(1 / 195)
 
@@ -123,7 +123,7 @@ def test_position_that_equals_the_command_is_named(mapped, lag):
     columns["position"] = np.concatenate([columns["command"][:1]] * lag + [columns["command"]])
     columns["position"] = columns["position"][: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
-    assert (defect.name, defect.is_error) == ("position_commanded", False)
+    assert (defect.kind, defect.is_error) == ("position_commanded", False)
     assert "a setpoint, not a measurement" in defect.text
 
 
@@ -131,7 +131,7 @@ def test_speed_of_the_command_is_named(mapped):
     columns, stamps = moves()
     columns["speed"] = np.gradient(columns["command"], 5e-3) / TAU
     [defect] = find_defects(columns, stamps, mapped(), joint())
-    assert defect.name == "speed_commanded"
+    assert defect.kind == "speed_commanded"
 
 
 def test_commanded_current_is_named(mapped):
@@ -139,7 +139,7 @@ def test_commanded_current_is_named(mapped):
     error = columns["command"] - columns["position"]
     columns["current"] = 12.0 * error - 0.1 * columns["speed"] * TAU + 0.3
     [defect] = find_defects(columns, stamps, mapped(), joint())
-    assert (defect.name, defect.is_error) == ("current_commanded", False)
+    assert (defect.kind, defect.is_error) == ("current_commanded", False)
     assert "the current follows position error and speed exactly" in defect.text
 
 
@@ -147,7 +147,7 @@ def test_sensor_that_repeats_its_value_is_named_with_its_rate(mapped):
     columns, stamps = moves()
     columns["current"] = np.repeat(columns["current"][::15], 15)[: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
-    assert (defect.name, defect.is_error) == ("values_repeat", False)
+    assert (defect.kind, defect.is_error) == ("values_repeat", False)
     assert "the current repeats each value 15 times (updated at 13.33 Hz)" in defect.text
 
 
@@ -159,7 +159,7 @@ def test_position_that_is_updated_irregularly_is_named(mapped):
     [defect] = [
         item
         for item in find_defects(columns, stamps, mapped(), joint())
-        if item.name == "values_repeat"
+        if item.kind == "values_repeat"
     ]
     assert not defect.is_error
     assert "the position is updated every 3." in defect.text
@@ -170,7 +170,7 @@ def test_position_that_jumps_is_an_error(mapped):
     columns, stamps = moves()
     columns["position"][1000:] += 0.3
     columns["command"][1000:] += 0.3
-    names = [item.name for item in find_defects(columns, stamps, mapped(), joint())]
+    names = [item.kind for item in find_defects(columns, stamps, mapped(), joint())]
     assert "position_jumps" in names
 
 
@@ -186,7 +186,7 @@ def test_position_that_is_homed_at_rest_is_an_error_once_motion_follows(mapped):
             "speed": np.empty(0),
             "current": np.zeros(len(values)),
         }
-        names = [item.name for item in find_defects(columns, stamps, mapped(), joint())]
+        names = [item.kind for item in find_defects(columns, stamps, mapped(), joint())]
         assert ("position_jumps" in names) == is_judged
 
 
@@ -207,7 +207,7 @@ def test_motion_after_a_long_rest_is_not_a_jump(mapped, rate_hz, count):
             "current": np.random.default_rng(moved).normal(0.0, 0.1, rest),
         }
         defects = find_defects(columns, stamps, mapped(), joint(rate_hz))
-        assert "position_jumps" not in [item.name for item in defects], moved
+        assert "position_jumps" not in [item.kind for item in defects], moved
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
@@ -225,7 +225,7 @@ def test_few_quick_moves_in_a_long_record_are_not_jumps(mapped, noise):
     }
     stamps = START_NS + 20_000_000 * np.arange(len(position))
     defects = find_defects(columns, stamps, mapped(), joint(50.0))
-    assert "position_jumps" not in [item.name for item in defects]
+    assert "position_jumps" not in [item.kind for item in defects]
 
 
 def test_drive_without_a_command_is_imported_with_an_empty_column(mapped):
@@ -339,10 +339,10 @@ def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
     """The command is constant from the first sample on. With more motion, it is another joint's."""
     mapping = mapped()
     short = defects_of(mapping, {"command": 0.0}, seconds=0.6)
-    assert [item.name for item in refused(short, mapping)] == ["command_frozen"]
+    assert [item.kind for item in refused(short, mapping)] == ["command_frozen"]
     assert withholding(short, mapping) == []
     [long] = withholding(defects_of(mapping, {"command": 0.0}), mapping)
-    assert long.name == "command_frozen"
+    assert long.kind == "command_frozen"
     assert "or omit command" in long.remedy
 
 

@@ -22,6 +22,7 @@ from std_msgs.msg import Bool, Float64, Float64MultiArray
 from ema_bags.inputs import bridged_robot
 from ema_bags.inputs.bridge_node import BridgeNode
 from ema_bags.inputs.bridging import Bridge
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.input_defect import InputDefect
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
@@ -244,7 +245,9 @@ def test_column_that_becomes_nan_is_an_error_even_if_accepted(session):
 
 def test_uncertain_defect_is_a_warning_and_withholds_no_telemetry(session, monkeypatch):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
-    defect = InputDefect("speed_unit", "rpm was meant", "speed: {unit: rpm}", is_certain=False)
+    defect = InputDefect(
+        DefectKind.SPEED_UNIT, "rpm was meant", "speed: {unit: rpm}", is_certain=False
+    )
     monkeypatch.setattr(Bridge, "uncertain", property(lambda _: [defect]))
     count = len(session.blocks)
     session.publish_until(lambda: len(session.blocks) > count, "more telemetry")
@@ -264,7 +267,8 @@ def test_note_is_a_warning_only_while_it_needs_action(
     session, monkeypatch, needs_action, accept, level
 ):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
-    note = InputDefect("command_position", "1.1 times", "used", False, needs_action=needs_action)
+    kind = DefectKind.COMMAND_POSITION
+    note = InputDefect(kind, "1.1 times", "used", False, needs_action=needs_action)
     notes = property(lambda _: [note], lambda _, value: None)
     monkeypatch.setattr(Bridge, "defects", notes, raising=False)
     of_flap = session.bridge._actuators["flap"].bridge

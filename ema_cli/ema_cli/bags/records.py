@@ -114,7 +114,7 @@ def read_record(
         click.echo(f"{file}: {defect}", err=True)
     wrong = refused(imported.defects, mapping)
     if wrong and not accepts:
-        names = ", ".join(item.name for item in wrong)
+        names = ", ".join(item.kind for item in wrong)
         raise ValueError(
             f"{file} is not imported: {names} (see above); correct the mapping, or accept the "
             f"defects with accept: [{names}] in the mapping or --accept-defects"

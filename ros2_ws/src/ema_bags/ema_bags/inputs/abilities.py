@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from ema_bags.inputs.column_measures import EffortFit
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.examination import Ability, AbilityResult, JointMotion, JointRelations, Need
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping
@@ -40,13 +41,13 @@ def abilities_of(
     defects
         Defects of the import.
     """
-    names = {item.name for item in defects}
+    kinds = {item.kind for item in defects}
     is_effort = mapping.measured_current is not None
-    strokes = list(_of_strokes(motion, names))
+    strokes = list(_of_strokes(motion, kinds))
     effort = [*strokes]
     if not is_effort:
         effort.append(Need.EFFORT)
-    elif names & {"current_zero", "current_frozen"}:
+    elif kinds & {DefectKind.CURRENT_ZERO, DefectKind.CURRENT_FROZEN}:
         effort.append(Need.VARYING_EFFORT)
     visible = max(fit.inertia, fit.gravity) if fit else 0.0
     moves = Need.MOTION not in strokes
@@ -55,7 +56,7 @@ def abilities_of(
     speeds = [Need.SPEEDS] if is_seen and is_one_speed else []
     inertia = [Need.ACCELERATION] if is_seen and (fit is None or fit.inertia < _VISIBLE) else []
     torque = [Need.INERTIA_OR_GRAVITY] if is_seen and visible < _VISIBLE else []
-    if "current_commanded" in names:
+    if DefectKind.CURRENT_COMMANDED in kinds:
         torque.append(Need.MEASURED_EFFORT)
     play = [*strokes]
     if not _has_both_sides(mapping, description, relations):
@@ -86,8 +87,8 @@ def abilities_by_columns(*, has_effort: bool, has_command: bool) -> tuple[Abilit
     return (Ability.FRICTION, Ability.TORQUE, Ability.INERTIA, Ability.LOAD, *lag)
 
 
-def _of_strokes(motion: JointMotion | None, defects: set[str]) -> Iterator[Need]:
-    if "position_commanded" in defects:
+def _of_strokes(motion: JointMotion | None, defects: set[DefectKind]) -> Iterator[Need]:
+    if DefectKind.POSITION_COMMANDED in defects:
         yield Need.MEASURED_POSITION
     if motion is None or motion.travel <= 0.0 or motion.moving_s <= 0.0:
         yield Need.MOTION

@@ -13,6 +13,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from ema_bags.inputs.bridged_actuator import BridgedActuator, BridgeReception
 from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
 from ema_bags.inputs.joint_messages import JOINT_KINDS, is_payload
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
@@ -90,7 +91,7 @@ class BridgeNode(ManagedNode):
             if kind:
                 _class_of(topic, kind)
         self._missing: dict[str, str] = {}
-        self._withheld: dict[str, set[str]] = {}
+        self._withheld: dict[str, set[DefectKind]] = {}
         self._outputs = {
             name: self.add_publisher(kind, name, qos)
             for name, (kind, qos) in topics.ACTUATOR_TOPICS.items()
@@ -340,10 +341,10 @@ class BridgeNode(ManagedNode):
 
     def _report_withheld(self, name: str, bridge: Bridge) -> None:
         """Log when a defect starts or stops withholding telemetry."""
-        refused = {item.name: item for item in bridge.refused}
+        refused = {item.kind: item for item in bridge.refused}
         reported = self._withheld.get(name, set())
-        for defect in refused.keys() - reported:
-            self.get_logger().error(f"{name}: telemetry is withheld: {refused[defect]}")
+        for kind in refused.keys() - reported:
+            self.get_logger().error(f"{name}: telemetry is withheld: {refused[kind]}")
         if reported and not refused:
             withheld = counted(bridge.withheld, "sample")
             self.get_logger().info(

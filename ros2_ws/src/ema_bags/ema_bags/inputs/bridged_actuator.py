@@ -194,7 +194,7 @@ class BridgedActuator:
 
     def _mapping_task(self) -> Task:
         defects, errors = self.bridge.defects, self.bridge.refused
-        values = {item.name: str(item) for item in defects}
+        values = {item.kind.value: str(item) for item in defects}
         level, text = OK, "no defects found"
         if not self._recent()[_CHECKED]:
             level, text = STALE, "no samples to check"
@@ -209,7 +209,7 @@ class BridgedActuator:
             asking = [
                 item
                 for item in defects
-                if item.needs_action and item.name not in self.bridge.mapping.accept
+                if item.needs_action and item.kind not in self.bridge.mapping.accept
             ]
             level, text = WARN if asking else OK, "; ".join(map(str, asking or defects))
         return Task(f"{self._prefix}mapping", level, text, self.hardware_id, values)

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.input_defect import InputDefect
 
 _LEAST_SAMPLES: Final = 100
@@ -45,13 +46,13 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
         delay = f" {lag} samples later" if lag else ""
         text = f"the position equals the command{delay}: it is a setpoint, not a measurement"
         remedy = "position: choose the encoder as source"
-        yield InputDefect("position_commanded", text, remedy, False)
+        yield InputDefect(DefectKind.POSITION_COMMANDED, text, remedy, False)
         return
     speed = present.get("speed")
     if speed is not None and _follows(speed, np.gradient(command), np.gradient(position)):
         text = "the speed is the derivative of the command: it is a setpoint, not a measurement"
         remedy = "speed: choose a measured source, or omit speed"
-        yield InputDefect("speed_commanded", text, remedy, False)
+        yield InputDefect(DefectKind.SPEED_COMMANDED, text, remedy, False)
     current = present.get("current")
     if current is None:
         return
@@ -64,7 +65,7 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
         if _residual(current, terms) < _EXACT:
             text = f"the current follows {source} exactly: it is a setpoint, not a measurement"
             remedy = "changes in torque per unit of effort are not visible in it"
-            yield InputDefect("current_commanded", text, remedy, False)
+            yield InputDefect(DefectKind.CURRENT_COMMANDED, text, remedy, False)
             return
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.commanded import find_commanded
+from ema_bags.inputs.defect_kinds import DefectKind, kind_of_mistake
 from ema_bags.inputs.held import held_columns
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping
@@ -37,6 +38,10 @@ _JUMP_OF_RANGE: Final = 0.05
 _NEIGHBOURS: Final = 3
 """Number of nonzero position steps on each side with which a jump is compared."""
 _FIRST_JUDGED: Final = 20
+_FROZEN_MOTION: Final = frozenset(
+    (DefectKind.COMMAND_FROZEN, DefectKind.POSITION_FROZEN, DefectKind.SPEED_FROZEN)
+)
+"""Defects of columns whose ratios to other columns have no meaning."""
 
 
 def find_defects(
@@ -44,6 +49,7 @@ def find_defects(
     stamps_ns: NDArray[np.int64],
     mapping: ColumnMapping,
     description: ActuatorDescription,
+    updated_hz: float | None = None,
 ) -> list[InputDefect]:
     """Return the defects found in converted telemetry columns.
 
@@ -55,6 +61,8 @@ def find_defects(
         Columns returned by ``ema_bags.inputs.conversion.convert``, ``(n,)`` or empty.
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
+    updated_hz
+        Update rate of the source [Hz] if it publishes each value several times; else None.
     """
     defects = list(_other_drive(mapping, description))
     defects += _held(columns, stamps_ns, is_unknown=not description.is_modelled)
@@ -64,17 +72,19 @@ def find_defects(
     if motion is None:
         return defects
     defects += _frozen(columns, motion, is_unknown=not description.is_modelled)
-    if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in defects}:
+    if not any(item.kind in _FROZEN_MOTION for item in defects):
         # If position or speed repeats values, their ratio reflects delays, not gears.
-        if not any(item.name == "values_repeat" and item.is_error for item in defects):
-            defects += wrong_factors(motion, mapping, description)
+        if not any(item.kind is DefectKind.VALUES_REPEAT and item.is_error for item in defects):
+            defects += wrong_factors(motion, mapping, description, updated_hz)
         defects += find_commanded(columns, description.parameters.tau)
     if not any(item.is_error for item in defects):
         defects += current_defects(motion, mapping, description)
     if mapping.position.shaft == "motor":
         text = "the position is measured at the motor, upstream of the backlash"
         remedy = "backlash is not visible in it; use an encoder at the user shaft"
-        defects.append(InputDefect("position_at_motor", text, remedy, False, needs_action=False))
+        defects.append(
+            InputDefect(DefectKind.POSITION_AT_MOTOR, text, remedy, False, needs_action=False)
+        )
     return defects
 
 
@@ -103,14 +113,14 @@ def stream_defects(
         remedy = "no window spans a gap; set fill_lost in the mapping to fill short gaps"
         if is_unknown:
             remedy = f"records are interpolated across gaps of at most {PAUSE_S:g} s"
-        yield InputDefect("lost_samples", text, remedy, False)
+        yield InputDefect(DefectKind.LOST_SAMPLES, text, remedy, False)
     if losses.filled:
         text = (
             f"{counted(losses.filled, 'lost sample')} interpolated linearly (fill_lost), in "
             f"addition to {n} received"
         )
         remedy = "interpolated currents are estimates: reduce losses at the source"
-        yield InputDefect("filled_samples", text, remedy, False)
+        yield InputDefect(DefectKind.FILLED_SAMPLES, text, remedy, False)
     if bad := losses.jumps + losses.repeated:
         text = (
             f"the time decreases {counted(losses.jumps, 'time')} and repeats "
@@ -121,30 +131,38 @@ def stream_defects(
             order = "Sort the rows by time"
             rebuild = "clock: {source: arrival} reconstructs the stamps"
             remedy = f"check clock.source. {order if of_table else rebuild}"
-        yield InputDefect("time_not_monotonic", text, remedy, is_error)
+        yield InputDefect(DefectKind.TIME_NOT_MONOTONIC, text, remedy, is_error)
     if losses.reordered:
         text = f"{counted(losses.reordered, 'sample')} of {n} out of order by at most "
         text += f"{counted(MOST_DISPLACED, 'sample')}"
         remedy = "they are sorted by stamp"
-        yield InputDefect("samples_reordered", text, remedy, False, needs_action=False)
+        yield InputDefect(DefectKind.SAMPLES_REORDERED, text, remedy, False, needs_action=False)
     if losses.duplicates:
         text = f"{counted(losses.duplicates, 'sample')} of {n} published twice"
         yield InputDefect(
-            "duplicate_samples", text, "each sample is used once", False, needs_action=False
+            DefectKind.DUPLICATE_SAMPLES,
+            text,
+            "each sample is used once",
+            False,
+            needs_action=False,
         )
     if losses.impossible:
         text = f"{counted(losses.impossible, 'sample')} of {n} physically impossible"
         remedy = "they are interpolated linearly, or dropped as a gap"
         if is_error := losses.impossible > _MANY * n:
             remedy = "repair the source: too many to interpolate"
-        yield InputDefect("impossible_samples", text, remedy, is_error, needs_action=is_error)
+        yield InputDefect(
+            DefectKind.IMPOSSIBLE_SAMPLES, text, remedy, is_error, needs_action=is_error
+        )
     if losses.wraps:
         text = f"an angle wraps {counted(losses.wraps, 'time')} at the end of its register"
-        yield InputDefect("angle_wraps", text, "the angle is unwrapped", False, needs_action=False)
+        yield InputDefect(
+            DefectKind.ANGLE_WRAPS, text, "the angle is unwrapped", False, needs_action=False
+        )
     if rebuilt:
         text = f"{counted(rebuilt, 'stamp')} of {n} reconstructed from arrival times"
         remedy = "set header.stamp at the source if possible"
-        yield InputDefect("stamps_rebuilt", text, remedy, False)
+        yield InputDefect(DefectKind.STAMPS_REBUILT, text, remedy, False)
 
 
 def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
@@ -161,7 +179,9 @@ def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]
         remedy = f"{name}: repair its source or choose another source"
         if name in ("current", "speed"):
             remedy += f", or omit {name} if it is not measured"
-    yield InputDefect("not_finite", f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error)
+    yield InputDefect(
+        DefectKind.NOT_FINITE, f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error
+    )
 
 
 def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDefect]:
@@ -173,7 +193,7 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
             f"{1.0 / described:g} Hz"
         )
         yield InputDefect(
-            "other_rate", text, "the measured rate is used", False, needs_action=False
+            DefectKind.OTHER_RATE, text, "the measured rate is used", False, needs_action=False
         )
 
 
@@ -187,12 +207,12 @@ def renewed_slowly(rate: Rate, times: float) -> InputDefect:
         f"published at {times / rate.period:.4g} Hz"
     )
     remedy = f"the telemetry uses the update rate, {1.0 / rate.period:.5g} Hz"
-    return InputDefect("values_repeat", text, remedy, False, needs_action=False)
+    return InputDefect(DefectKind.VALUES_REPEAT, text, remedy, False, needs_action=False)
 
 
 def refused(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
     """Return the errors that the mapping does not accept; they prevent estimates."""
-    return [item for item in defects if item.is_error and item.name not in mapping.accept]
+    return [item for item in defects if item.is_error and item.kind not in mapping.accept]
 
 
 def withholding(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
@@ -204,7 +224,7 @@ def _other_drive(mapping: ColumnMapping, description: ActuatorDescription) -> It
     current = mapping.measured_current
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
         yield InputDefect(
-            "drive_of_i_q",
+            DefectKind.DRIVE_OF_I_Q,
             "the current is i_q of a field-oriented drive, but the description has drive six_step",
             "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
             "current: {kind: equivalent}",
@@ -241,7 +261,11 @@ def _held(
             remedy = "records interpolate it between updates; configure the driver to publish each "
             remedy += "value once"
     yield InputDefect(
-        "values_repeat", ", ".join(parts), remedy, not is_unknown, needs_action=not is_unknown
+        DefectKind.VALUES_REPEAT,
+        ", ".join(parts),
+        remedy,
+        not is_unknown,
+        needs_action=not is_unknown,
     )
 
 
@@ -301,7 +325,7 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
             "per sample"
         )
         remedy = "check whether the encoder is homed or reset, or two sources publish"
-        yield InputDefect("position_jumps", text, remedy)
+        yield InputDefect(DefectKind.POSITION_JUMPS, text, remedy)
 
 
 def _beyond_travel(
@@ -321,7 +345,7 @@ def _beyond_travel(
         f"{high:.3g} rad, in {counted(count, 'sample')} of {len(command)}"
     )
     remedy = "command: choose another source, or omit command"
-    yield InputDefect("command_range", text, remedy, is_certain=False)
+    yield InputDefect(DefectKind.COMMAND_RANGE, text, remedy, is_certain=False)
 
 
 def _frozen(
@@ -341,10 +365,12 @@ def _frozen(
         if name == "current" and error.value == 0.0:
             text = f"current is 0 {text}: the drive does not publish it"
             remedy = "current: {sampling: none, ...}, or omit current"
-            yield InputDefect("current_zero", text, remedy, is_certain=is_certain)
+            yield InputDefect(DefectKind.CURRENT_ZERO, text, remedy, is_certain=is_certain)
         else:
             remedy = f"{name}: choose another source"
             if name in ("current", "speed") or (name == "command" and is_unknown):
                 remedy += f", or omit {name}"
             text = f"{name} is {error.value:g} {text}"
-            yield InputDefect(f"{name}_{error.kind.value}", text, remedy, is_certain=is_certain)
+            yield InputDefect(
+                kind_of_mistake(name, error.kind), text, remedy, is_certain=is_certain
+            )

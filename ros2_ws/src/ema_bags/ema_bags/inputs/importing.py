@@ -246,16 +246,7 @@ def import_series(
             f"none of the {stream.losses.samples} samples has finite values for all of "
             f"{', '.join(stream.filled)}"
         )
-    defects = find_defects(columns, stamps, mapping, stream.description)
-    if rows is not None:
-        too_slow = (
-            f"{1.0 / rate.period:.4g} Hz may be too slow for this motion: update the values "
-            "faster at the source"
-        )
-        defects = [
-            replace(defect, remedy=too_slow) if defect.name == "gear_ratio" else defect
-            for defect in defects
-        ]
+    updated_hz = None if rows is None else 1.0 / rate.period
     defects = [
         *notes,
         *doubled,
@@ -266,7 +257,7 @@ def import_series(
             is_unknown=not description.is_modelled,
         ),
         *not_finite(columns),
-        *defects,
+        *find_defects(columns, stamps, mapping, stream.description, updated_hz),
         *(stream.rises.defects() if stream.rises else ()),
     ]
     first_ns = min(int(run.stamps_ns[0]) for run in runs)

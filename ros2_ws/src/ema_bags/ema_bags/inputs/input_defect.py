@@ -3,13 +3,15 @@
 
 from dataclasses import dataclass
 
+from ema_bags.inputs.defect_kinds import DefectKind
+
 
 @dataclass(frozen=True)
 class InputDefect:
     """A defect of a mapping or of its data."""
 
-    name: str
-    """Stable identifier, listed in the mapping's ``accept`` to accept the defect."""
+    kind: DefectKind
+    """Kind, listed in the mapping's ``accept`` to accept the defect."""
 
     text: str
     """Description of the defect, including the measured values."""
@@ -30,4 +32,4 @@ class InputDefect:
     """Whether the user should change or check something. Otherwise the defect is informative."""
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.text}: {self.remedy}"
+        return f"{self.kind}: {self.text}: {self.remedy}"

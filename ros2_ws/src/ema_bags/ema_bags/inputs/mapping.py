@@ -9,6 +9,7 @@ from typing import Any, Final, Self
 import yaml
 
 from ema_bags.inputs.dates import ORDERS
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.field_path import FieldPath
 from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.quantity import Checked, quantity, text, texts
@@ -48,18 +49,6 @@ The sign bit is subtracted once for sign-magnitude and twice for two's complemen
 
 CLOCKS: Final = ("header", "sent", "arrival")
 """Clocks of topics: message header, publication time, reception time."""
-
-DEFECTS: Final = (
-    *("current_zero", "command_frozen", "position_frozen", "speed_frozen", "current_frozen"),
-    *("position_unit", "command_unit", "speed_unit", "current_unit"),
-    *("position_sign_reversed", "command_sign_reversed", "speed_sign_reversed"),
-    *("current_sign_reversed", "position_shaft", "command_shaft", "speed_shaft"),
-    *("position_scale", "command_scale", "speed_scale", "drive_of_i_q", "gear_ratio"),
-    *("command_position", "current_size", "not_finite", "time_not_monotonic"),
-    *("position_jumps", "impossible_samples", "temperature_range"),
-    *("two_publishers", "values_repeat"),
-)
-"""Names of error defects that ``ColumnMapping.accept`` can list."""
 
 _ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
@@ -280,9 +269,10 @@ class ColumnMapping(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        kinds = [kind.value for kind in DefectKind]
         for name in self.accept:
-            if name not in DEFECTS:
-                raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
+            if name not in kinds:
+                raise ValueError(f"accept: {unknown_name('defect', name, kinds)}")
         if self.command is not None and self.error is not None:
             raise ValueError(
                 "command and error are both set: expected either the command or the position error"

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.rate import resolution_of
 
@@ -14,7 +15,6 @@ _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
 _MOST_TIMES: Final = 4
 _COUNTS: Final = 1.5
-_NAME: Final = "two_publishers"
 _LISTED: Final = "`ros2 topic info -v` lists the publishers"
 
 
@@ -49,7 +49,7 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
             f"stamp intervals alternate between {low:.3g} ms and {high:.3g} ms: the joint has "
             f"two publishers, {rates}"
         )
-        yield InputDefect(_NAME, text, f"stop one of them: {_LISTED}")
+        yield InputDefect(DefectKind.TWO_PUBLISHERS, text, f"stop one of them: {_LISTED}")
         return
 
 
@@ -60,7 +60,7 @@ def _several(pattern: NDArray[np.float64]) -> InputDefect:
         f"stamp intervals repeat every {count} messages ({steps} ms): the joint has {count} "
         f"publishers, each at {1e9 / float(np.sum(pattern)):.4g} Hz"
     )
-    return InputDefect(_NAME, text, f"stop all but one: {_LISTED}")
+    return InputDefect(DefectKind.TWO_PUBLISHERS, text, f"stop all but one: {_LISTED}")
 
 
 def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.conversion import degrees_celsius
+from ema_bags.inputs.defect_kinds import DefectKind
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import TemperatureSource
 from ema_bags.inputs.series import NO_STAMP
@@ -85,7 +86,7 @@ class RiseSampler:
                 f"temperature: {{unit: {unit}}} if this is its unit; otherwise these values are "
                 "ignored"
             )
-            yield InputDefect("temperature_range", text, remedy, is_certain=False)
+            yield InputDefect(DefectKind.TEMPERATURE_RANGE, text, remedy, is_certain=False)
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:

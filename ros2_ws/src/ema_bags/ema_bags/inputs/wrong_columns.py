@@ -7,9 +7,9 @@ an unknown drive are here: they prevent no estimate.
 
 import math
 from collections.abc import Iterator
-from typing import Final
 
 from ema_bags.inputs.change_wording import change_reason, change_remedy
+from ema_bags.inputs.defect_kinds import DefectKind, kind_of_mistake
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping, CurrentSource
@@ -29,26 +29,25 @@ from ema_core.description import ActuatorDescription
 from ema_core.units import CURRENTS
 from ema_core.wording import counted
 
-_NAMES: Final = {
-    Kind.SIGN: "sign_reversed",
-    Kind.UNIT: "unit",
-    Kind.SHAFT: "shaft",
-    Kind.SCALE: "scale",
-}
-
 
 def wrong_factors(
-    motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
+    motion: ThinnedMotion,
+    mapping: ColumnMapping,
+    description: ActuatorDescription,
+    updated_hz: float | None = None,
 ) -> Iterator[InputDefect]:
-    """Yield a defect for each unit, sign or shaft that is inconsistent with the other columns."""
+    """Yield a defect for each unit, sign or shaft that is inconsistent with the other columns.
+
+    ``updated_hz`` is the update rate of the source [Hz] if it publishes each value several times.
+    """
     is_unknown = not description.is_modelled
     changes = explain(motion, mapping, description)
     if changes:
         is_certain = not is_unknown or motion.is_ample
         for change in changes:
-            name = f"{change.quantity}_{_NAMES[change.mistake.kind]}"
+            kind = kind_of_mistake(change.quantity, change.mistake.kind)
             yield InputDefect(
-                name, change_reason(change), change_remedy(change), is_certain=is_certain
+                kind, change_reason(change), change_remedy(change), is_certain=is_certain
             )
         return
     if is_unknown:
@@ -58,16 +57,23 @@ def wrong_factors(
         return
     tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
     if ratio is not None and not is_within(ratio, MAPPED_SPEED):
-        yield InputDefect(
-            "gear_ratio",
+        text = (
             f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, but the "
-            f"description has {_as_ratio(tau)}",
-            "check that position and speed belong to the same joint, and check unit and shaft of "
-            "both. If they are right and tau matches the data sheet: accept: [gear_ratio]",
+            f"description has {_as_ratio(tau)}"
         )
+        remedy = (
+            "check that position and speed belong to the same joint, and check unit and shaft of "
+            "both. If they are right and tau matches the data sheet: accept: [gear_ratio]"
+        )
+        if updated_hz is not None:
+            remedy = (
+                f"{updated_hz:.4g} Hz may be too slow for this motion: update the values faster at "
+                "the source"
+            )
+        yield InputDefect(DefectKind.GEAR_RATIO, text, remedy)
     if gain is not None and is_beyond(gain, WRONG_TRACKING):
         yield InputDefect(
-            "command_position",
+            DefectKind.COMMAND_POSITION,
             f"the position moves {gain:.3g} times as far as the command",
             f"command: {{scale: {gain:.6g}}} if both refer to the same shaft, or choose another "
             "source",
@@ -89,14 +95,14 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
             else "check that the speed belongs to the same joint"
         )
         text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
-        yield InputDefect("speed_ratio", text, remedy, False, needs_action=not is_near)
+        yield InputDefect(DefectKind.SPEED_RATIO, text, remedy, False, needs_action=not is_near)
     if gain is not None and is_beyond(gain, NOTED_TRACKING):
         text = f"the position moves {gain:.3g} times as far as the command {over}"
         remedy = (
             "possible causes: lag, elasticity, or the command of another joint; it is used "
             "unchanged"
         )
-        yield InputDefect("command_position", text, remedy, False)
+        yield InputDefect(DefectKind.COMMAND_POSITION, text, remedy, False)
 
 
 def current_defects(
@@ -110,7 +116,7 @@ def current_defects(
         correlation, work_share = motion.dissipation, motion.work_share
         if reversed_current(correlation, work_share):
             yield InputDefect(
-                "current_sign_reversed",
+                DefectKind.CURRENT_SIGN_REVERSED,
                 "the current opposes the motion, where friction requires it to drive "
                 f"(correlation with the speed {correlation:.2f}, net work {work_share:.0%} "
                 "of all work)",
@@ -137,11 +143,11 @@ def _of_current(error: ColumnError, source: CurrentSource, correlation: float) -
             "check current.kind (current or torque, motor or joint), and J_m, J_u and friction "
             "in the description"
         )
-        return InputDefect("current_size", text, remedy)
+        return InputDefect(DefectKind.CURRENT_SIZE, text, remedy)
     [mistake] = error.mistakes
     if mistake.kind is Kind.SIGN:
         return InputDefect(
-            "current_sign_reversed",
+            DefectKind.CURRENT_SIGN_REVERSED,
             "the current is negative while acceleration and friction require a positive current "
             f"(correlation {correlation:.2f})",
             f"current: {{sign: {-source.sign}}}",
@@ -149,7 +155,7 @@ def _of_current(error: ColumnError, source: CurrentSource, correlation: float) -
     meant = f"m{source.unit}" if mistake.factor > 1.0 else source.unit.removeprefix("m")
     is_unit = meant in (*CURRENTS, "N.m", "mN.m") and meant != source.unit
     remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / mistake.factor:g}"
-    return InputDefect("current_unit", text, f"current: {{{remedy}}}")
+    return InputDefect(DefectKind.CURRENT_UNIT, text, f"current: {{{remedy}}}")
 
 
 def _as_ratio(tau: float) -> str:
