@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.defects import not_finite
 from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.series import Collector
@@ -178,10 +179,10 @@ def test_column_that_becomes_nan_after_good_data_is_an_error_with_its_name(telem
     run(target, telemetry, good + cycle_ns, effort=np.nan)
     [defect] = target.refused
     assert defect.kind == "not_finite"
-    assert "current is not finite in 1700 of 3000 samples" in defect.text
-    assert "or omit current" in defect.remedy
+    assert "current is not finite in 1700 of 3000 samples" in defect_text(defect).problem
+    assert "or omit current" in defect_text(defect).remedy
     run(target, telemetry, good + 2 * cycle_ns, effort=np.nan)
-    assert "current is not finite in 3000 of 3000 samples" in target.refused[0].text
+    assert "current is not finite in 3000 of 3000 samples" in defect_text(target.refused[0]).problem
     # After the column recovers, the defect disappears within seconds.
     blocks = run(target, telemetry, good + 3 * cycle_ns)
     assert target.refused == []
@@ -192,7 +193,7 @@ def test_a_few_non_finite_samples_are_a_note():
     column = np.zeros(1000)
     column[:5] = np.nan
     [defect] = not_finite({"current": column, "speed": np.zeros(1000)})
-    assert "current is not finite in 5 of 1000 samples" in defect.text
+    assert "current is not finite in 5 of 1000 samples" in defect_text(defect).problem
     assert not defect.is_error
 
 
@@ -360,7 +361,7 @@ def test_two_publishers_of_one_joint_are_an_error(drift, offset):
     late = stamps + int(offset * period) + (drift * (stamps - stamps[0])).astype(np.int64)
     [defect] = two_publishers(np.sort(np.concatenate([stamps, late])))
     assert defect.is_error
-    assert "both at 200 Hz" in defect.text
+    assert "both at 200 Hz" in defect_text(defect).problem
 
 
 @pytest.mark.parametrize("offsets", [(0.2, 0.55), (0.1, 0.5, 0.8), (0.15, 0.3, 0.5, 0.9)])
@@ -370,7 +371,7 @@ def test_several_publishers_of_one_joint_are_an_error(offsets):
     each = [stamps + int(offset * period) for offset in (0.0, *offsets)]
     [defect] = two_publishers(np.sort(np.concatenate(each)))
     assert defect.is_error
-    assert f"the joint has {len(each)} publishers, each at 200 Hz" in defect.text
+    assert f"the joint has {len(each)} publishers, each at 200 Hz" in defect_text(defect).problem
 
 
 def test_jitter_and_lost_samples_are_not_mistaken_for_a_second_publisher():

@@ -5,12 +5,16 @@ import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from ema_bags.inputs import defect_wording
 from ema_bags.inputs.defect_kinds import DefectKind
+from ema_bags.inputs.defect_wording import defect_line, defect_text
 from ema_bags.inputs.defects import find_defects, not_finite, refused, stream_defects
+from ema_bags.inputs.input_defect import Evidence, LostSamples, SampleCount, WrongStamps
 from ema_bags.inputs.resampling import Losses
 from ema_core.telemetry import COLUMNS
 from ema_sim import simulate
@@ -44,7 +48,7 @@ def test_correct_columns_have_no_defects(defects_of):
 @pytest.mark.parametrize(
     ("changes", "name", "value", "remedy"),
     [
-        ({"current": 0.0}, "current_zero", "0 in all 1700 samples", "sampling: none"),
+        ({"current": 0.0}, "current_zero", "current is 0 in all 1700 samples", "sampling: none"),
         ({"current": lambda x: 0 * x + 2}, "current_frozen", "is 2 in", "omit current"),
         ({"speed": lambda x: 0 * x + 3}, "speed_frozen", "speed is 3 in", "omit speed"),
         ({"position": 0.0}, "position_frozen", "position is 0", "choose another source"),
@@ -73,8 +77,8 @@ def test_correct_columns_have_no_defects(defects_of):
 def test_defect_is_named_with_value_and_remedy(defects_of, changes, name, value, remedy):
     [defect] = defects_of(**changes)
     assert (defect.kind, defect.is_error) == (name, True)
-    assert value in defect.text
-    assert remedy in defect.remedy
+    assert value in defect_text(defect).problem
+    assert remedy in defect_text(defect).remedy
 
 
 def test_position_and_command_both_in_degrees_are_named_by_the_speed(defects_of):
@@ -91,7 +95,7 @@ def test_degrees_beyond_the_end_stop_are_named_without_a_speed(defects_of, mappe
 def test_remedy_refers_to_the_mapping_in_use(defects_of, mapped):
     mapping = mapped(position={"source": "p", "sign": -1})
     [defect] = defects_of(mapping, position=-1)
-    assert defect.remedy == "position: {sign: 1}"
+    assert defect_text(defect).remedy == "position: {sign: 1}"
 
 
 def test_accepted_defect_does_not_forbid_estimates(defects_of, mapped):
@@ -114,6 +118,10 @@ def test_document_lists_all_kinds_of_defects_and_a_mapping_accepts_them(mapped):
     assert mapped(accept=[kind.value for kind in DefectKind]).accept == tuple(DefectKind)
 
 
+def test_each_evidence_has_words():
+    assert set(defect_wording._WORDS) == set(get_args(Evidence))
+
+
 def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(defects_of, mapped):
     [defect] = defects_of(mapped(position={"source": "p", "shaft": "motor"}))
     assert (defect.kind, defect.is_error) == ("position_at_motor", False)
@@ -122,7 +130,7 @@ def test_position_at_the_motor_gives_a_note_that_backlash_is_hidden(defects_of, 
 def test_current_kind_that_contradicts_the_drive_is_named(defects_of, mapped):
     [defect] = defects_of(mapped(current={"source": "i", "kind": "i_q"}))
     assert (defect.kind, defect.is_error) == ("drive_of_i_q", True)
-    assert "drive: field_oriented in the description" in defect.remedy
+    assert "drive: field_oriented in the description" in defect_text(defect).remedy
 
 
 def test_unknown_drive_is_not_checked_against_default_limits(telemetry, columns, mapped):
@@ -176,14 +184,21 @@ def test_no_fault_or_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapp
 
 def test_losses_and_wrong_stamps_are_named_with_their_number():
     losses = Losses(samples=1000, lost=3, gaps=2, filled=5, jumps=1, repeated=4)
-    defects = {item.kind: item for item in stream_defects(losses, 6)}
-    assert "3 samples of 1003 missing in 2 gaps" in defects[DefectKind.LOST_SAMPLES].text
-    assert "5 lost samples interpolated linearly" in defects[DefectKind.FILLED_SAMPLES].text
-    assert "decreases 1 time and repeats 4 times" in defects[DefectKind.TIME_NOT_MONOTONIC].text
-    assert "6 stamps of 1000 reconstructed" in defects[DefectKind.STAMPS_REBUILT].text
-    assert not any(item.is_error for item in defects.values())
+    defects = list(stream_defects(losses, 6))
+    assert {item.kind: item.evidence for item in defects} == {
+        DefectKind.LOST_SAMPLES: LostSamples(3, 1000, gaps=2, is_interpolated=False),
+        DefectKind.FILLED_SAMPLES: SampleCount(5, 1000),
+        DefectKind.TIME_NOT_MONOTONIC: WrongStamps(1, 4, 1000, of_table=False),
+        DefectKind.STAMPS_REBUILT: SampleCount(6, 1000),
+    }
+    lines = "\n".join(map(defect_line, defects))
+    assert "lost_samples: 3 samples of 1003 missing in 2 gaps: no window" in lines
+    assert "filled_samples: 5 lost samples interpolated linearly" in lines
+    assert "decreases 1 time and repeats 4 times" in lines
+    assert "6 stamps of 1000 reconstructed" in lines
+    assert not any(item.is_error for item in defects)
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
     assert mostly.is_error
-    assert "reconstructs the stamps" in mostly.remedy
+    assert "reconstructs the stamps" in defect_text(mostly).remedy
     [rows] = stream_defects(Losses(samples=100, jumps=50), 0, of_table=True)
-    assert rows.remedy == "check clock.source. Sort the rows by time"
+    assert defect_text(rows).remedy == "check clock.source. Sort the rows by time"

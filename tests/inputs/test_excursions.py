@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.excursions import find_excursions
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.series import Series
@@ -111,8 +112,11 @@ def test_command_beyond_all_travel_for_longer_is_reported(mapped, length):
     got = imported(mapped(), columns, stamps, 250.0)
     [defect] = [item for item in got.defects if item.is_error]
     assert (defect.kind, defect.is_certain) == ("command_range", False)
-    assert "the command is -3.277e+04 rad, far outside the travel from -0.2" in defect.text
-    assert f"in {length} samples of 3000" in defect.text
+    assert (
+        "the command is -3.277e+04 rad, far outside the travel from -0.2"
+        in defect_text(defect).problem
+    )
+    assert f"in {length} samples of 3000" in defect_text(defect).problem
 
 
 def test_steps_of_the_set_point_are_not_bridged(mapped):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.defect_kinds import DefectKind
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.ordering import settled_samples, sorting_order
 from ema_bags.inputs.publishers import two_publishers
@@ -63,7 +64,7 @@ def test_second_publisher_at_a_fraction_of_the_rate_is_an_error(mapped, times, o
     got = imported(mapped(), doubled, both[order], 500.0)
     [defect] = [item for item in got.defects if item.kind == "two_publishers"]
     assert defect.is_error
-    assert f"one at 500 Hz, the other at {500 / times:.4g} Hz" in defect.text
+    assert f"one at 500 Hz, the other at {500 / times:.4g} Hz" in defect_text(defect).problem
 
 
 @pytest.mark.parametrize("rate_hz", [300.0, 400.0, 700.0])
@@ -85,7 +86,7 @@ def test_second_publisher_that_repeats_the_values_is_a_note_with_both_rates(mapp
     }
     assert (
         "published 2 times: updated at 250 Hz, published at 500 Hz"
-        in by_kind[DefectKind.VALUES_REPEAT].text
+        in defect_text(by_kind[DefectKind.VALUES_REPEAT]).problem
     )
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.held import find_held, renewed_rows
 from ema_bags.inputs.importing import SampleStream, import_series
 from ema_bags.inputs.impossible import ImpossibleSampleRepair
@@ -47,7 +48,9 @@ def test_states_renewed_at_200_hz_and_published_at_1000_hz_are_resampled(mapped)
     assert 1.0 / got.description.sample_period == pytest.approx(200.0)
     [defect] = got.defects
     assert (defect.kind, defect.is_error) == ("values_repeat", False)
-    assert "published 5 times: updated at 200 Hz, published at 1000 Hz" in defect.text
+    assert (
+        "published 5 times: updated at 200 Hz, published at 1000 Hz" in defect_text(defect).problem
+    )
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]
     np.testing.assert_array_equal(position, slow["position"])
@@ -166,7 +169,7 @@ def test_single_impossible_sample_is_a_note(mapped, name, value):
     got = imported(mapped(), columns, stamps, 200.0)
     [defect] = got.defects
     assert (defect.kind, defect.is_error) == ("impossible_samples", False)
-    assert "1 sample of 2400 physically impossible" in defect.text
+    assert "1 sample of 2400 physically impossible" in defect_text(defect).problem
     near = np.max(np.abs(true[1495:1506] - true[1500]))
     assert abs(got.columns[name][1500] - true[1500]) <= near
 
@@ -287,11 +290,13 @@ def test_repeated_values_of_a_modelled_drive_raise_no_doubt_about_gears_or_scale
     )
     repeats, *remaining = got.defects
     assert repeats.kind == "values_repeat"
-    assert f"{held} times" in repeats.text
+    assert f"{held} times" in defect_text(repeats).problem
     is_whole = len(names) == 3
     assert repeats.is_error == (not is_whole)
     assert 1.0 / got.rate.period == pytest.approx(1000.0 / held if is_whole else 1000.0)
-    words = " ".join(str(item.remedy) for item in got.defects)
+    words = " ".join(str(defect_text(item).remedy) for item in got.defects)
     assert "tau" not in words
     assert "scale" not in words
-    assert all(item.kind == "gear_ratio" and "too slow" in item.remedy for item in remaining)
+    assert all(
+        item.kind == "gear_ratio" and "too slow" in defect_text(item).remedy for item in remaining
+    )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.defects import refused
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.series import Series
@@ -84,8 +85,8 @@ def test_kelvin_read_as_celsius_is_an_error_that_names_the_unit(mapped):
     recording = imported(mapped, series(warming(), 1.0, 273.15))
     [defect] = refused(recording.defects, recording.mapping)
     assert defect.kind == "temperature_range"
-    assert "temperature 304.3 degC, expected -130 to 270" in defect.text
-    assert "temperature: {unit: K}" in defect.remedy
+    assert "temperature 304.3 degC, expected -130 to 270" in defect_text(defect).problem
+    assert "temperature: {unit: K}" in defect_text(defect).remedy
     assert recording.rises == []
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.conversion import convert
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.defects import find_defects, refused, withholding
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.series import Series
@@ -33,16 +34,19 @@ def test_lagging_joint_has_no_defect(mapped):
 def test_speed_that_differs_slightly_from_the_derivative_is_a_note(mapped, factor):
     [defect] = defects_of(mapped(), {"speed": factor})
     assert (defect.kind, defect.is_error) == ("speed_ratio", False)
-    assert f"the speed is {factor:.3g} times the derivative of the position over" in defect.text
-    assert "strokes: elasticity, lag or sampling" in defect.text
-    assert "tau" not in defect.remedy
+    assert (
+        f"the speed is {factor:.3g} times the derivative of the position over"
+        in defect_text(defect).problem
+    )
+    assert "strokes: elasticity, lag or sampling" in defect_text(defect).problem
+    assert "tau" not in defect_text(defect).remedy
 
 
 @pytest.mark.parametrize("factor", [0.3, 2.7, 22.0])
 def test_speed_ratio_that_no_unit_explains_is_a_note(mapped, factor):
     [defect] = defects_of(mapped(), {"speed": factor})
     assert (defect.kind, defect.is_error) == ("speed_ratio", False)
-    assert "no unit, sign or shaft explains it" in defect.text
+    assert "no unit, sign or shaft explains it" in defect_text(defect).problem
 
 
 @pytest.mark.parametrize(
@@ -67,7 +71,7 @@ def test_factor_near_a_unit_is_an_error_that_is_certain_after_some_strokes(
 ):
     [defect] = defects_of(mapped(), changes)
     assert (defect.kind, defect.is_error, defect.is_certain) == (name, True, True)
-    assert remedy in defect.remedy
+    assert remedy in defect_text(defect).remedy
 
 
 @pytest.mark.parametrize(
@@ -113,7 +117,7 @@ def test_rate_that_differs_by_a_few_per_cent_is_a_note(mapped):
     imported = import_series({"": series}, mapped(), joint(200.0))
     [defect] = imported.defects
     assert (defect.kind, defect.is_error) == ("other_rate", False)
-    assert "rate is 195 Hz, but the description has 200" in defect.text
+    assert "rate is 195 Hz, but the description has 200" in defect_text(defect).problem
     assert imported.description.sample_period == pytest.approx(1 / 195)
 
 
@@ -124,7 +128,7 @@ def test_position_that_equals_the_command_is_named(mapped, lag):
     columns["position"] = columns["position"][: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert (defect.kind, defect.is_error) == ("position_commanded", False)
-    assert "a setpoint, not a measurement" in defect.text
+    assert "a setpoint, not a measurement" in defect_text(defect).problem
 
 
 def test_speed_of_the_command_is_named(mapped):
@@ -140,7 +144,7 @@ def test_commanded_current_is_named(mapped):
     columns["current"] = 12.0 * error - 0.1 * columns["speed"] * TAU + 0.3
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert (defect.kind, defect.is_error) == ("current_commanded", False)
-    assert "the current follows position error and speed exactly" in defect.text
+    assert "the current follows position error and speed exactly" in defect_text(defect).problem
 
 
 def test_sensor_that_repeats_its_value_is_named_with_its_rate(mapped):
@@ -148,7 +152,10 @@ def test_sensor_that_repeats_its_value_is_named_with_its_rate(mapped):
     columns["current"] = np.repeat(columns["current"][::15], 15)[: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert (defect.kind, defect.is_error) == ("values_repeat", False)
-    assert "the current repeats each value 15 times (updated at 13.33 Hz)" in defect.text
+    assert (
+        "the current repeats each value 15 times (updated at 13.33 Hz)"
+        in defect_text(defect).problem
+    )
 
 
 def test_position_that_is_updated_irregularly_is_named(mapped):
@@ -162,8 +169,8 @@ def test_position_that_is_updated_irregularly_is_named(mapped):
         if item.kind == "values_repeat"
     ]
     assert not defect.is_error
-    assert "the position is updated every 3." in defect.text
-    assert "samples on average, irregularly" in defect.text
+    assert "the position is updated every 3." in defect_text(defect).problem
+    assert "samples on average, irregularly" in defect_text(defect).problem
 
 
 def test_position_that_jumps_is_an_error(mapped):
@@ -343,7 +350,7 @@ def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
     assert withholding(short, mapping) == []
     [long] = withholding(defects_of(mapping, {"command": 0.0}), mapping)
     assert long.kind == "command_frozen"
-    assert "or omit command" in long.remedy
+    assert "or omit command" in defect_text(long).remedy
 
 
 def test_motion_starts_at_its_first_stamp():

@@ -23,7 +23,7 @@ from ema_bags.inputs import bridged_robot
 from ema_bags.inputs.bridge_node import BridgeNode
 from ema_bags.inputs.bridging import Bridge
 from ema_bags.inputs.defect_kinds import DefectKind
-from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.input_defect import Factor, InputDefect, OutOfRange
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import MeasuredCauses, TelemetryBlock
@@ -245,16 +245,15 @@ def test_column_that_becomes_nan_is_an_error_even_if_accepted(session):
 
 def test_uncertain_defect_is_a_warning_and_withholds_no_telemetry(session, monkeypatch):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
-    defect = InputDefect(
-        DefectKind.SPEED_UNIT, "rpm was meant", "speed: {unit: rpm}", is_certain=False
-    )
+    evidence = OutOfRange(300.0, -130.0, 270.0, "K")
+    defect = InputDefect(DefectKind.TEMPERATURE_RANGE, evidence, is_certain=False)
     monkeypatch.setattr(Bridge, "uncertain", property(lambda _: [defect]))
     count = len(session.blocks)
     session.publish_until(lambda: len(session.blocks) > count, "more telemetry")
     task = session.task("mapping")
     assert task.level == WARN
     assert (
-        "to be checked again after more motion; telemetry is not withheld: speed_unit: rpm"
+        "to be checked again after more motion; telemetry is not withheld: temperature_range: "
         in task.message
     )
 
@@ -268,12 +267,12 @@ def test_note_is_a_warning_only_while_it_needs_action(
 ):
     session.publish_until(lambda: session.task("mapping").level == OK and session.blocks, "OK")
     kind = DefectKind.COMMAND_POSITION
-    note = InputDefect(kind, "1.1 times", "used", False, needs_action=needs_action)
+    note = InputDefect(kind, Factor(1.1, 4), is_error=False, needs_action=needs_action)
     notes = property(lambda _: [note], lambda _, value: None)
     monkeypatch.setattr(Bridge, "defects", notes, raising=False)
     of_flap = session.bridge._actuators["flap"].bridge
     of_flap.mapping = replace(of_flap.mapping, accept=accept)
-    words = "command_position: 1.1 times: used"
+    words = "command_position: the position moves 1.1 times as far as the command over 4 strokes"
     session.publish_until(lambda: words in session.task("mapping").message, words)
     assert session.task("mapping").level == level
 

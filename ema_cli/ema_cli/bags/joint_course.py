@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from ema_bags.inputs.defect_wording import defect_line
 from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import Imported
 from ema_cli.bags.healthy_until import HealthyUntil
@@ -201,7 +202,8 @@ def _imported(joint: RobotJoint, remarks: list[str], unread: list[str]) -> list[
             text = str(error)
             unread.append(text if str(path) in text else f"{path}: {text}")
             continue
-        remarks += [f"{path}: {remark}" for remark in (*file.remarks, *record.defects)]
+        lines = map(defect_line, record.defects)
+        remarks += [f"{path}: {remark}" for remark in (*file.remarks, *lines)]
         records.append(record)
     if not records:
         raise ValueError("; ".join(unread))

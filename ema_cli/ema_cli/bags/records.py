@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import click
 
+from ema_bags.inputs.defect_wording import defect_line
 from ema_bags.inputs.defects import refused
 from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import BLOCK_S, Imported, import_series
@@ -111,7 +112,7 @@ def read_record(
     for remark in source.remarks:
         click.echo(f"{file}: {remark}", err=True)
     for defect in imported.defects:
-        click.echo(f"{file}: {defect}", err=True)
+        click.echo(f"{file}: {defect_line(defect)}", err=True)
     wrong = refused(imported.defects, mapping)
     if wrong and not accepts:
         names = ", ".join(item.kind for item in wrong)

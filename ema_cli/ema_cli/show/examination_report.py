@@ -7,10 +7,12 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any, NamedTuple, Self
 
+from ema_bags.inputs.defect_wording import defect_text
 from ema_bags.inputs.doubt_wording import doubt_text
 from ema_bags.inputs.doubts import DoubtKind
 from ema_bags.inputs.examination import ColumnExamination, Examination, JointExamination
 from ema_bags.inputs.examination_wording import findings, judged_lines, motion_line, timing_line
+from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import ColumnMapping, mapping_text
 from ema_core.wording import counted, text_table
 
@@ -152,6 +154,9 @@ def _short(kind: str) -> str:
 def _plain(value: Any) -> Any:
     if isinstance(value, ColumnMapping):
         return mapping_text(value)
+    if isinstance(value, InputDefect):
+        text = defect_text(value)._asdict()
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)} | text
     if is_dataclass(value):
         return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Enum):

@@ -14,6 +14,7 @@ from ema_bags.inputs.bridged_actuator import BridgedActuator, BridgeReception
 from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.defect_kinds import DefectKind
+from ema_bags.inputs.defect_wording import defect_line
 from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
 from ema_bags.inputs.joint_messages import JOINT_KINDS, is_payload
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
@@ -344,7 +345,8 @@ class BridgeNode(ManagedNode):
         refused = {item.kind: item for item in bridge.refused}
         reported = self._withheld.get(name, set())
         for kind in refused.keys() - reported:
-            self.get_logger().error(f"{name}: telemetry is withheld: {refused[kind]}")
+            text = defect_line(refused[kind])
+            self.get_logger().error(f"{name}: telemetry is withheld: {text}")
         if reported and not refused:
             withheld = counted(bridge.withheld, "sample")
             self.get_logger().info(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 from ema_bags.inputs.bridging import LEAST_SAMPLES, Bridge
+from ema_bags.inputs.defect_wording import defect_line
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.telemetry import Telemetry
 from ema_ros.status import Task
@@ -168,7 +169,7 @@ class BridgedActuator:
         if bridge.refused or self.problem or (is_idle and not is_resumed):
             reason = "see mapping" if bridge.refused else "no complete samples"
             if not bridge.refused:
-                reasons += [str(item) for item in bridge.defects if item.is_error]
+                reasons += [defect_line(item) for item in bridge.defects if item.is_error]
             text = f"{recent[source]:.4g} Hz received, but no telemetry is published"
             return ERROR, f"{text}: {'; '.join(reasons) or reason}"
         if bridge.rate and (hz := bridge.other_rate_hz):
@@ -194,14 +195,14 @@ class BridgedActuator:
 
     def _mapping_task(self) -> Task:
         defects, errors = self.bridge.defects, self.bridge.refused
-        values = {item.kind.value: str(item) for item in defects}
+        values = {item.kind.value: defect_line(item) for item in defects}
         level, text = OK, "no defects found"
         if not self._recent()[_CHECKED]:
             level, text = STALE, "no samples to check"
         elif errors:
-            level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
+            level, text = ERROR, f"telemetry is withheld: {'; '.join(map(defect_line, errors))}"
         elif uncertain := self.bridge.uncertain:
-            descriptions = "; ".join(map(str, uncertain))
+            descriptions = "; ".join(map(defect_line, uncertain))
             level = WARN
             text = "possible errors, to be checked again after more motion; telemetry is not "
             text += f"withheld: {descriptions}"
@@ -211,5 +212,5 @@ class BridgedActuator:
                 for item in defects
                 if item.needs_action and item.kind not in self.bridge.mapping.accept
             ]
-            level, text = WARN if asking else OK, "; ".join(map(str, asking or defects))
+            level, text = WARN if asking else OK, "; ".join(map(defect_line, asking or defects))
         return Task(f"{self._prefix}mapping", level, text, self.hardware_id, values)

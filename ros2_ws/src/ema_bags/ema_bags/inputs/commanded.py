@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.defect_kinds import DefectKind
-from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.input_defect import InputDefect, Setpoint
 
 _LEAST_SAMPLES: Final = 100
 _MOST_SAMPLES: Final = 3000
@@ -43,29 +43,23 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
     if len(command) < _LEAST_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         return
     if (lag := _lag_of_copy(command, position)) is not None:
-        delay = f" {lag} samples later" if lag else ""
-        text = f"the position equals the command{delay}: it is a setpoint, not a measurement"
-        remedy = "position: choose the encoder as source"
-        yield InputDefect(DefectKind.POSITION_COMMANDED, text, remedy, False)
+        yield InputDefect(DefectKind.POSITION_COMMANDED, Setpoint(lag), is_error=False)
         return
     speed = present.get("speed")
     if speed is not None and _follows(speed, np.gradient(command), np.gradient(position)):
-        text = "the speed is the derivative of the command: it is a setpoint, not a measurement"
-        remedy = "speed: choose a measured source, or omit speed"
-        yield InputDefect(DefectKind.SPEED_COMMANDED, text, remedy, False)
+        yield InputDefect(DefectKind.SPEED_COMMANDED, is_error=False)
     current = present.get("current")
     if current is None:
         return
     rate = np.gradient(position) if speed is None else speed * tau
     ones = np.ones(len(command))
-    for source, terms in (
-        ("the command", (command, ones)),
-        ("position error and speed", (command - position, rate, ones)),
+    for is_control_law, terms in (
+        (False, (command, ones)),
+        (True, (command - position, rate, ones)),
     ):
         if _residual(current, terms) < _EXACT:
-            text = f"the current follows {source} exactly: it is a setpoint, not a measurement"
-            remedy = "changes in torque per unit of effort are not visible in it"
-            yield InputDefect(DefectKind.CURRENT_COMMANDED, text, remedy, False)
+            evidence = Setpoint(is_control_law=is_control_law)
+            yield InputDefect(DefectKind.CURRENT_COMMANDED, evidence, is_error=False)
             return
 
 

@@ -10,17 +10,27 @@ from numpy.typing import NDArray
 from ema_bags.inputs.commanded import find_commanded
 from ema_bags.inputs.defect_kinds import DefectKind, kind_of_mistake
 from ema_bags.inputs.held import held_columns
-from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.input_defect import (
+    Evidence,
+    FarCommand,
+    Frozen,
+    InputDefect,
+    LostSamples,
+    OtherRate,
+    PositionJumps,
+    RepeatedSamples,
+    RepeatedValues,
+    SampleCount,
+    ValuesNotFinite,
+    WrongStamps,
+)
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.motion import ThinnedMotion
-from ema_bags.inputs.ordering import MOST_DISPLACED
 from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.wrong_columns import current_defects, wrong_factors
 from ema_core.columns.frozen import frozen_column
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import PAUSE_S
-from ema_core.wording import counted
 
 _LEAST_TRAVEL: Final = 1e-3
 _MANY: Final = 0.01
@@ -80,11 +90,7 @@ def find_defects(
     if not any(item.is_error for item in defects):
         defects += current_defects(motion, mapping, description)
     if mapping.position.shaft == "motor":
-        text = "the position is measured at the motor, upstream of the backlash"
-        remedy = "backlash is not visible in it; use an encoder at the user shaft"
-        defects.append(
-            InputDefect(DefectKind.POSITION_AT_MOTOR, text, remedy, False, needs_action=False)
-        )
+        defects.append(_remark(DefectKind.POSITION_AT_MOTOR))
     return defects
 
 
@@ -106,95 +112,45 @@ def stream_defects(
     """
     n = max(losses.samples, 1)
     if losses.lost:
-        text = (
-            f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
-            f"{counted(losses.gaps, 'gap')}"
-        )
-        remedy = "no window spans a gap; set fill_lost in the mapping to fill short gaps"
-        if is_unknown:
-            remedy = f"records are interpolated across gaps of at most {PAUSE_S:g} s"
-        yield InputDefect(DefectKind.LOST_SAMPLES, text, remedy, False)
+        lost = LostSamples(losses.lost, n, losses.gaps, is_interpolated=is_unknown)
+        yield InputDefect(DefectKind.LOST_SAMPLES, lost, is_error=False)
     if losses.filled:
-        text = (
-            f"{counted(losses.filled, 'lost sample')} interpolated linearly (fill_lost), in "
-            f"addition to {n} received"
-        )
-        remedy = "interpolated currents are estimates: reduce losses at the source"
-        yield InputDefect(DefectKind.FILLED_SAMPLES, text, remedy, False)
+        filled = SampleCount(losses.filled, n)
+        yield InputDefect(DefectKind.FILLED_SAMPLES, filled, is_error=False)
     if bad := losses.jumps + losses.repeated:
-        text = (
-            f"the time decreases {counted(losses.jumps, 'time')} and repeats "
-            f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}"
-        )
-        remedy = "samples with a repeated stamp are dropped, and no window spans a backward step"
-        if is_error := bad > _MANY * n:
-            order = "Sort the rows by time"
-            rebuild = "clock: {source: arrival} reconstructs the stamps"
-            remedy = f"check clock.source. {order if of_table else rebuild}"
-        yield InputDefect(DefectKind.TIME_NOT_MONOTONIC, text, remedy, is_error)
+        stamps = WrongStamps(losses.jumps, losses.repeated, n, of_table)
+        yield InputDefect(DefectKind.TIME_NOT_MONOTONIC, stamps, is_error=bad > _MANY * n)
     if losses.reordered:
-        text = f"{counted(losses.reordered, 'sample')} of {n} out of order by at most "
-        text += f"{counted(MOST_DISPLACED, 'sample')}"
-        remedy = "they are sorted by stamp"
-        yield InputDefect(DefectKind.SAMPLES_REORDERED, text, remedy, False, needs_action=False)
+        yield _remark(DefectKind.SAMPLES_REORDERED, SampleCount(losses.reordered, n))
     if losses.duplicates:
-        text = f"{counted(losses.duplicates, 'sample')} of {n} published twice"
-        yield InputDefect(
-            DefectKind.DUPLICATE_SAMPLES,
-            text,
-            "each sample is used once",
-            False,
-            needs_action=False,
-        )
+        yield _remark(DefectKind.DUPLICATE_SAMPLES, SampleCount(losses.duplicates, n))
     if losses.impossible:
-        text = f"{counted(losses.impossible, 'sample')} of {n} physically impossible"
-        remedy = "they are interpolated linearly, or dropped as a gap"
-        if is_error := losses.impossible > _MANY * n:
-            remedy = "repair the source: too many to interpolate"
+        impossible = SampleCount(losses.impossible, n)
+        is_error = losses.impossible > _MANY * n
         yield InputDefect(
-            DefectKind.IMPOSSIBLE_SAMPLES, text, remedy, is_error, needs_action=is_error
+            DefectKind.IMPOSSIBLE_SAMPLES, impossible, is_error, needs_action=is_error
         )
     if losses.wraps:
-        text = f"an angle wraps {counted(losses.wraps, 'time')} at the end of its register"
-        yield InputDefect(
-            DefectKind.ANGLE_WRAPS, text, "the angle is unwrapped", False, needs_action=False
-        )
+        yield _remark(DefectKind.ANGLE_WRAPS, SampleCount(losses.wraps, n))
     if rebuilt:
-        text = f"{counted(rebuilt, 'stamp')} of {n} reconstructed from arrival times"
-        remedy = "set header.stamp at the source if possible"
-        yield InputDefect(DefectKind.STAMPS_REBUILT, text, remedy, False)
+        yield InputDefect(DefectKind.STAMPS_REBUILT, SampleCount(rebuilt, n), is_error=False)
 
 
 def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
     """Yield a defect if any column, ``(n,)`` or empty, contains NaN or infinite values."""
     bad = {name: ~np.isfinite(values) for name, values in columns.items() if len(values)}
     is_bad = np.any(list(bad.values()), axis=0)
-    if not np.any(is_bad):
-        return
-    parts = [(name, int(np.count_nonzero(rows))) for name, rows in bad.items() if np.any(rows)]
-    text = ", ".join(f"{name} is not finite in {count}" for name, count in parts)
-    remedy = "these samples are dropped"
-    if is_error := bool(np.mean(is_bad) > 0.5):
-        name = max(parts, key=lambda item: item[1])[0]
-        remedy = f"{name}: repair its source or choose another source"
-        if name in ("current", "speed"):
-            remedy += f", or omit {name} if it is not measured"
-    yield InputDefect(
-        DefectKind.NOT_FINITE, f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error
-    )
+    if np.any(is_bad):
+        counts = {name: int(np.count_nonzero(rows)) for name, rows in bad.items() if np.any(rows)}
+        evidence = ValuesNotFinite(counts, len(is_bad))
+        yield InputDefect(DefectKind.NOT_FINITE, evidence, is_error=bool(np.mean(is_bad) > 0.5))
 
 
 def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDefect]:
     """Yield a defect if the sample rate differs by 0.2 % to 10 % from the description."""
     described = description.sample_period
     if _SAME_RATE < abs(rate.period / described - 1.0) < _SIMILAR_RATE:
-        text = (
-            f"the sample rate is {1.0 / rate.period:.5g} Hz, but the description has "
-            f"{1.0 / described:g} Hz"
-        )
-        yield InputDefect(
-            DefectKind.OTHER_RATE, text, "the measured rate is used", False, needs_action=False
-        )
+        yield _remark(DefectKind.OTHER_RATE, OtherRate(1.0 / rate.period, 1.0 / described))
 
 
 def renewed_slowly(rate: Rate, times: float) -> InputDefect:
@@ -202,12 +158,7 @@ def renewed_slowly(rate: Rate, times: float) -> InputDefect:
 
     ``rate`` is the rate at which values change, ``times`` the number of samples per value.
     """
-    text = (
-        f"each value is published {round(times)} times: updated at {1.0 / rate.period:.5g} Hz, "
-        f"published at {times / rate.period:.4g} Hz"
-    )
-    remedy = f"the telemetry uses the update rate, {1.0 / rate.period:.5g} Hz"
-    return InputDefect(DefectKind.VALUES_REPEAT, text, remedy, False, needs_action=False)
+    return _remark(DefectKind.VALUES_REPEAT, RepeatedSamples(times, 1.0 / rate.period))
 
 
 def refused(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
@@ -220,15 +171,15 @@ def withholding(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[
     return [item for item in refused(defects, mapping) if item.is_certain]
 
 
+def _remark(kind: DefectKind, evidence: Evidence | None = None) -> InputDefect:
+    """Return a defect that is informative only."""
+    return InputDefect(kind, evidence, is_error=False, needs_action=False)
+
+
 def _other_drive(mapping: ColumnMapping, description: ActuatorDescription) -> Iterator[InputDefect]:
     current = mapping.measured_current
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
-        yield InputDefect(
-            DefectKind.DRIVE_OF_I_Q,
-            "the current is i_q of a field-oriented drive, but the description has drive six_step",
-            "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
-            "current: {kind: equivalent}",
-        )
+        yield InputDefect(DefectKind.DRIVE_OF_I_Q)
 
 
 def _held(
@@ -244,29 +195,14 @@ def _held(
         for item in held_columns(columns)
         if item.is_regular or is_unknown or item.mean >= _FEW_REPEATS
     ]
-    if not held:
-        return
-    rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
-    parts = [
-        f"the {item.column} repeats each value {item.longest} times (updated at "
-        f"{rate_hz / item.longest:.4g} Hz)"
-        if item.is_regular
-        else f"the {item.column} is updated every {item.mean:.1f} samples on average, irregularly"
-        for item in held
-    ]
-    remedy = "configure the driver to publish each value once, all at the same rate"
-    if is_unknown:
-        remedy = "it is used unchanged; configure the driver to publish each value once"
-        if any(item.column == "position" for item in held):
-            remedy = "records interpolate it between updates; configure the driver to publish each "
-            remedy += "value once"
-    yield InputDefect(
-        DefectKind.VALUES_REPEAT,
-        ", ".join(parts),
-        remedy,
-        not is_unknown,
-        needs_action=not is_unknown,
-    )
+    if held:
+        rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
+        yield InputDefect(
+            DefectKind.VALUES_REPEAT,
+            RepeatedValues(tuple(held), rate_hz),
+            is_error=not is_unknown,
+            needs_action=not is_unknown,
+        )
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
@@ -320,12 +256,8 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     # Jumps in the first rows are ignored, because the steps before them are unknown.
     jumps = sizes[is_jump & (rows >= _FIRST_JUDGED)]
     if 0 < len(jumps) <= _MANY * len(steps):
-        text = (
-            f"the position jumps {counted(len(jumps), 'time')}, by up to {np.max(jumps):.4g} rad "
-            "per sample"
-        )
-        remedy = "check whether the encoder is homed or reset, or two sources publish"
-        yield InputDefect(DefectKind.POSITION_JUMPS, text, remedy)
+        evidence = PositionJumps(len(jumps), float(np.max(jumps)))
+        yield InputDefect(DefectKind.POSITION_JUMPS, evidence)
 
 
 def _beyond_travel(
@@ -340,12 +272,9 @@ def _beyond_travel(
     count = int(np.count_nonzero(is_beyond))
     if not 0 < count <= _MANY * len(command) or is_beyond[-1] or not high > low:
         return
-    text = (
-        f"the command is {command[is_beyond][0]:.4g} rad, far outside the travel from {low:.3g} to "
-        f"{high:.3g} rad, in {counted(count, 'sample')} of {len(command)}"
-    )
-    remedy = "command: choose another source, or omit command"
-    yield InputDefect(DefectKind.COMMAND_RANGE, text, remedy, is_certain=False)
+    first = float(command[is_beyond][0])
+    evidence = FarCommand(first, float(low), float(high), count, len(command))
+    yield InputDefect(DefectKind.COMMAND_RANGE, evidence, is_certain=False)
 
 
 def _frozen(
@@ -361,16 +290,8 @@ def _frozen(
         error = frozen_column(name, columns[name], moving)
         if error is None:
             continue
-        text = f"in all {counted(error.samples, 'sample')} while {error.moving} changes"
+        is_optional = name in ("current", "speed") or (name == "command" and is_unknown)
+        kind = kind_of_mistake(name, error.kind)
         if name == "current" and error.value == 0.0:
-            text = f"current is 0 {text}: the drive does not publish it"
-            remedy = "current: {sampling: none, ...}, or omit current"
-            yield InputDefect(DefectKind.CURRENT_ZERO, text, remedy, is_certain=is_certain)
-        else:
-            remedy = f"{name}: choose another source"
-            if name in ("current", "speed") or (name == "command" and is_unknown):
-                remedy += f", or omit {name}"
-            text = f"{name} is {error.value:g} {text}"
-            yield InputDefect(
-                kind_of_mistake(name, error.kind), text, remedy, is_certain=is_certain
-            )
+            kind = DefectKind.CURRENT_ZERO
+        yield InputDefect(kind, Frozen(error, is_optional), is_certain=is_certain)

@@ -4,6 +4,7 @@
 import math
 from typing import Final
 
+from ema_bags.inputs.defect_wording import defect_line
 from ema_bags.inputs.examination import (
     Ability,
     ColumnExamination,
@@ -97,8 +98,8 @@ def motion_line(joint: JointExamination) -> str:
 
 def findings(joint: JointExamination) -> list[str]:
     """Return one line per defect and per conspicuous measurement, errors first."""
-    errors = [f"error {item}" for item in joint.defects if item.is_error]
-    notes = [str(item) for item in joint.defects if not item.is_error]
+    errors = [f"error {defect_line(item)}" for item in joint.defects if item.is_error]
+    notes = [defect_line(item) for item in joint.defects if not item.is_error]
     lines = [*errors, *notes]
     if joint.problem:
         lines.insert(0, f"error: {joint.problem}")

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.defect_kinds import DefectKind
-from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.input_defect import InputDefect, Publishers
 from ema_bags.inputs.rate import resolution_of
 
 _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
 _MOST_TIMES: Final = 4
 _COUNTS: Final = 1.5
-_LISTED: Final = "`ros2 topic info -v` lists the publishers"
 
 
 def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
@@ -42,25 +41,17 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
             yield _several(pattern)
             return
         low, high = sorted(1e-6 * ahead[first][:2])
-        rates = f"both at {1e9 / period:.4g} Hz"
-        if times > 1:
-            rates = f"one at {1e9 / period:.4g} Hz, the other at {1e9 / (times * period):.4g} Hz"
-        text = (
-            f"stamp intervals alternate between {low:.3g} ms and {high:.3g} ms: the joint has "
-            f"two publishers, {rates}"
-        )
-        yield InputDefect(DefectKind.TWO_PUBLISHERS, text, f"stop one of them: {_LISTED}")
+        rates_hz = (1e9 / period, 1e9 / (times * period))
+        evidence = Publishers(rates_hz, (float(low), float(high)))
+        yield InputDefect(DefectKind.TWO_PUBLISHERS, evidence)
         return
 
 
 def _several(pattern: NDArray[np.float64]) -> InputDefect:
     """Return the defect for publishers at the same rate, from the steps of one period [ns]."""
-    count, steps = len(pattern), ", ".join(f"{1e-6 * step:.3g}" for step in pattern)
-    text = (
-        f"stamp intervals repeat every {count} messages ({steps} ms): the joint has {count} "
-        f"publishers, each at {1e9 / float(np.sum(pattern)):.4g} Hz"
-    )
-    return InputDefect(DefectKind.TWO_PUBLISHERS, text, f"stop all but one: {_LISTED}")
+    rates_hz = (1e9 / float(np.sum(pattern)),) * len(pattern)
+    evidence = Publishers(rates_hz, tuple(1e-6 * step for step in pattern.tolist()))
+    return InputDefect(DefectKind.TWO_PUBLISHERS, evidence)
 
 
 def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.conversion import degrees_celsius
 from ema_bags.inputs.defect_kinds import DefectKind
-from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.input_defect import InputDefect, OutOfRange
 from ema_bags.inputs.mapping import TemperatureSource
 from ema_bags.inputs.series import NO_STAMP
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
@@ -80,13 +80,9 @@ class RiseSampler:
         if self.impossible is not None:
             cause = CAUSE_BY_NAME[CAUSE]
             lowest, highest = REFERENCE_DEGC + cause.lowest, REFERENCE_DEGC + cause.highest
-            text = f"temperature {self.impossible:.4g} degC, expected {lowest:g} to {highest:g}"
             unit = "K" if self._source.unit != "K" else "degC"
-            remedy = (
-                f"temperature: {{unit: {unit}}} if this is its unit; otherwise these values are "
-                "ignored"
-            )
-            yield InputDefect(DefectKind.TEMPERATURE_RANGE, text, remedy, is_certain=False)
+            evidence = OutOfRange(self.impossible, lowest, highest, unit)
+            yield InputDefect(DefectKind.TEMPERATURE_RANGE, evidence, is_certain=False)
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
