@@ -283,6 +283,17 @@ def test_what_can_be_judged_follows_from_the_columns(ema, tmp_path, names, expec
     assert expected.items() <= needs(joint).items()
 
 
+def test_defect_has_its_figures_and_its_text_in_json(ema, tmp_path):
+    frame = pd.DataFrame({name: ONE[name] for name in ("time", "position", "current")})
+    frame.drop(index=[700, 701, 702]).to_csv(tmp_path / "log.csv", index=False)
+    [joint] = json.loads(ema("check", tmp_path / "log.csv", "--json").stdout)[0]["joints"]
+    [defect] = [item for item in joint["defects"] if item["kind"] == "lost_samples"]
+    of = len(frame) - 3
+    assert defect["evidence"] == {"count": 3, "of": of, "gaps": 1, "is_interpolated": True}
+    assert defect["problem"] == f"3 samples of {len(frame)} missing in 1 gap"
+    assert defect["remedy"].startswith("records are interpolated across gaps")
+
+
 def test_joint_at_rest_cannot_be_judged(ema, tmp_path):
     columns = dict(FORMS["seven joints"][0])
     columns["q3"] = np.full(len(ONE["time"]), 0.7)
