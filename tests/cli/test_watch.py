@@ -379,7 +379,7 @@ def test_line_of_a_learning_joint_has_only_its_progress(capsys):
     HealthTable("here").show(latest.rows(1.0, TEST_NS + 10**9, alive), "")
     line = capsys.readouterr().out.partition("UTC  ")[2]
     assert line == "◌ LEARNING 4 of 12  /ema/elbow  learning: 4 records on 1 day\n"
-    # A defect of the record is shown beside the progress.
+    # A defect of the record is shown in addition to the progress.
     refused.reason_codes, refused.reason = ["learning", "wrong_scale"], "learning: 4; wrong scale"
     refused.header.stamp.sec = 1
     latest.add_estimate("/ema", refused, 1.0)
