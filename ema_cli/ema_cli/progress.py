@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import click
 
-from ema_core.wording import time_in_words
+from ema_core.wording import time_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -71,9 +71,9 @@ class _Lines:
         if self._total and self._completed:
             parts.insert(0, f"{self._completed / self._total:.0%}")
             left_s = passed_s * max(self._total / self._completed - 1.0, 0.0)
-            parts.append(f"about {time_in_words(left_s)} left")
+            parts.append(f"about {time_text(left_s)} left")
         else:
-            parts.append(f"{time_in_words(passed_s)} so far")
+            parts.append(f"{time_text(passed_s)} so far")
         return f"{self._description}: {', '.join(filter(None, parts))}"
 
 

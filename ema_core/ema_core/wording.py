@@ -33,7 +33,7 @@ def one_line(name: str, text: str, most: int) -> str:
     return line
 
 
-def time_in_words(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """Return a duration [s] as a string in s, min, h or d, or "-" if it is not finite."""
     if not math.isfinite(seconds):
         return "-"

@@ -17,7 +17,7 @@ from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
+from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_text
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
         duty=outlook.future.factor,
         assumption=outlook.assumption,
         cause=cause_of_level(outlook),
-        removal=removal_in_words(outlook),
+        removal=removal_text(outlook),
         removal_risk=removal.risk,
         removal_hours=removal.hours,
         removal_cycles=removal.cycles,

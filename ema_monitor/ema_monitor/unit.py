@@ -495,13 +495,13 @@ class Unit:
     def _growth_of_all(self, kept: bytes = b"") -> GrowthRecord:
         """Return the growth from all tests, resumed from a matching stored state if possible."""
         settings = self._settings
-        tracker, self._fleet_in_words = settings.tracker, ""
+        tracker, self._fleet_text = settings.tracker, ""
         if settings.fleet is not None:
             try:
                 fleet = settings.fleet.prior(settings.limits, without=self.history.unit)
-                tracker, self._fleet_in_words = replace(tracker, fleet=fleet), fleet.in_words()
+                tracker, self._fleet_text = replace(tracker, fleet=fleet), fleet.text()
             except ValueError as error:
-                self._fleet_in_words = f"the fleet is not used: {error}"
+                self._fleet_text = f"the fleet is not used: {error}"
         entries = self.history.entries
         return GrowthRecord(settings.limits, tracker, entries, kept, settings.damage)
 
@@ -588,7 +588,7 @@ class Unit:
         return replace(
             outlook,
             health=replace(outlook.health, reason=reason),
-            assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
+            assumption="; ".join(filter(None, [outlook.assumption, self._fleet_text])),
             failed_since=failed_since(outlook, self.history),
             last_level=last_level(outlook, self.history),
             missing_share=(missing + 1) / (missing + len(entries) + 2),

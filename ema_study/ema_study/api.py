@@ -2,13 +2,13 @@
 """Public Python API of the study: repeat a table of the thesis."""
 
 from ema_core.wording import unknown_name
-from ema_study.contents import NUMBERS, in_words, jobs_of, title_of
+from ema_study.contents import NUMBERS, jobs_of, table_titles, title_of
 from ema_study.models import MODELS
 from ema_study.plan import RUNS
 from ema_study.run import as_frame, run_job
 from ema_study.tables import StudyTable, study_tables
 
-__all__ = ["NUMBERS", "StudyTable", "in_words", "table", "title_of"]
+__all__ = ["NUMBERS", "StudyTable", "table", "table_titles", "title_of"]
 
 
 def table(number: int, runs: int = RUNS, model: str = "fast") -> StudyTable:

@@ -76,7 +76,7 @@ def checked(number: int) -> int:
     return number
 
 
-def in_words() -> Iterator[tuple[str, str]]:
+def table_titles() -> Iterator[tuple[str, str]]:
     """Yield numbers and title of each table; tables of the same fault and level are combined."""
     runs = _run_tables()
 

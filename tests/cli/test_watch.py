@@ -18,7 +18,7 @@ from ema_cli.processes.health_listener import Completion
 from ema_cli.show.health_table import HealthTable, LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_core.wording import time_in_words
+from ema_core.wording import time_text
 from ema_interfaces.msg import (
     BaselineStatus,
     FaultEstimate,
@@ -240,7 +240,7 @@ def test_age_of_a_stamp_of_another_clock_counts_from_reception():
 
 
 def test_ages_are_in_suitable_units():
-    ages = [time_in_words(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
+    ages = [time_text(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
     assert ages == ["0 s", "119 s", "120 min", "2 h", "10 d", "-"]
 
 

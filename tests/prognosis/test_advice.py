@@ -15,7 +15,7 @@ from ema_monitor.prognosis.forecaster import Forecaster, earlier, hours_ahead, r
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, Removal, unknown_outlook
-from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
+from ema_monitor.prognosis.sentences import cause_of_level, removal_text
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
@@ -309,17 +309,17 @@ def test_failed_unit_is_advised_to_be_removed_even_if_its_health_is_stale():
     lives = {"free_play": RemainingLife.unknown("free play exceeds 0.5 mrad", "")}
     failed = outlook(ERROR, PLAY, lives=lives, flight_hours=170.0, failed_since=150.0)
     words = "Remove now: failed since 150 h (now 170 h): free play exceeds 0.5 mrad"
-    assert removal_in_words(failed) == words
+    assert removal_text(failed) == words
     stale = replace(failed, health=replace(failed.health, level=STALE))
-    assert removal_in_words(stale) == words
+    assert removal_text(stale) == words
     unknown_since = replace(failed, failed_since=math.nan)
-    assert removal_in_words(unknown_since) == "Remove now: failed: free play exceeds 0.5 mrad"
+    assert removal_text(unknown_since) == "Remove now: failed: free play exceeds 0.5 mrad"
 
 
 def test_life_that_ends_beyond_the_horizon_has_no_median_hour():
     life = RemainingLife(True, 20.0, math.inf, math.inf, "friction exceeds 0.5")
     removal = Removal(hours=20.0)
-    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
+    words = removal_text(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
     assert words.startswith("Remove before 120 service hours (in 20 h; 5 % risk")
     assert "median end of life beyond the horizon" in words
 
@@ -327,11 +327,11 @@ def test_life_that_ends_beyond_the_horizon_has_no_median_hour():
 def test_removal_is_reported_in_hours_cycles_and_days_at_the_accepted_risk():
     life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
     removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
-    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
+    words = removal_text(outlook(OK, rul=life, flight_hours=100.0, removal=removal))
     assert words == (
         "Remove before 130 service hours (in 30 h, 15 test cycles, 4 days at 8 h a day; "
         "12.5 % risk of failure until then); median end of life 150 h: friction exceeds 0.5"
     )
     soon = removal._replace(hours=0.4, cycles=0.2, days=math.nan)
-    words = removal_in_words(outlook(OK, rul=life, flight_hours=100.0, removal=soon))
+    words = removal_text(outlook(OK, rul=life, flight_hours=100.0, removal=soon))
     assert words.startswith("Remove now (in 0 h, 0 test cycles; 12.5 % risk")

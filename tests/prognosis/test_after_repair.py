@@ -14,7 +14,7 @@ from ema_monitor.prognosis.forecaster import warned_if_due
 from ema_monitor.prognosis.growth.prediction import LEAST_TESTS
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, Removal
-from ema_monitor.prognosis.sentences import removal_in_words
+from ema_monitor.prognosis.sentences import removal_text
 from ema_monitor.unit import Unit
 
 from .lived_units import TEN_HOURS
@@ -70,7 +70,7 @@ def test_no_life_is_reported_before_five_tests_after_a_repair(law, seed):
         assert not any(life.known for life in outlook.lives.values())
         assert math.isnan(outlook.removal.hours)
         assert not outlook.lifetimes.size
-        assert removal_in_words(outlook).startswith("No removal date yet: fewer than 5 tests")
+        assert removal_text(outlook).startswith("No removal date yet: fewer than 5 tests")
     assert "repair" not in made[last + LEAST_TESTS].rul.reason
     # Replaying the tests gives the same outlooks.
     again = Unit(unit.history, TEN_HOURS).resume(None, TEN_HOURS)

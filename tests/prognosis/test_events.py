@@ -14,7 +14,7 @@ from ema_archive.history_rows import history_from, kept_history
 from ema_core.event_kinds import MOST_COUNT, EventKind
 from ema_core.levels import WARN
 from ema_monitor.health import FaultHealth, Recurrence
-from ema_monitor.prognosis.event_texts import event_in_words, text_of
+from ema_monitor.prognosis.event_texts import event_text, text_of
 from ema_monitor.prognosis.events import (
     OCCURRENCES,
     AlarmRaised,
@@ -63,7 +63,7 @@ def test_each_occurrence_has_a_sentence_and_a_kind(code: str):
     assert text
     assert not re.search(r"[{}<]|None|event\.", text)
     kind = occurrence.kind.replace("_", " ")
-    assert event_in_words(UnitEvent(0, 1.0, occurrence)) == f"{kind}: {text}"
+    assert event_text(UnitEvent(0, 1.0, occurrence)) == f"{kind}: {text}"
     assert occurrence.kind in EventKind
     assert " " not in occurrence.kind
 

@@ -114,7 +114,7 @@ def test_file_restores_the_growth_and_contains_no_unit_name(tmp_path: Path):
     fleet.write(path)
     again = FleetGrowth.read(path)
     assert again.prior(LIMITS) == fleet.prior(LIMITS)
-    assert again.prior(LIMITS).in_words() == "growth prior from 2 other units (line A)"
+    assert again.prior(LIMITS).text() == "growth prior from 2 other units (line A)"
     with np.load(path) as file:
         texts = [str(value) for value in (*file["units"], *file["names"], file["grid"])]
     assert not any("flap" in text for text in texts)

@@ -14,7 +14,7 @@ from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate, Verdict
-from ema_monitor.prognosis.event_texts import event_in_words, text_of
+from ema_monitor.prognosis.event_texts import event_text, text_of
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
@@ -190,12 +190,12 @@ def test_step_is_a_warning_at_once_and_an_error_when_confirmed():
         for outlook in outlooks
     ]
     first, second = (outlook.events for outlook in outlooks)
-    assert event_in_words(first[0]).startswith("outlier: friction 0.700")
+    assert event_text(first[0]).startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
     # The reported value comes from the test, and is not the value before.
     words = cause_of_level(outlooks[0])
     assert "friction 0.7 in the latest test, to be confirmed by the next test" in words
-    assert any(event_in_words(event).startswith("step: friction") for event in second)
+    assert any(event_text(event).startswith("step: friction") for event in second)
     assert healths[1].level == ERROR
     assert healths[1].value == pytest.approx(0.7, abs=0.02)
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from ema_study import api
-from ema_study.contents import NUMBERS, in_words, jobs_of, title_of
+from ema_study.contents import NUMBERS, jobs_of, table_titles, title_of
 from ema_study.plan import plan
 from ema_study.run import K, as_frame, run_job
 from ema_study.tables import study_tables
@@ -55,7 +55,7 @@ def test_table_of_its_own_runs_equals_the_table_of_the_whole_study(number):
 def test_every_table_has_a_title_and_is_listed():
     assert (NUMBERS[0], NUMBERS[-1]) == (8, 61)
     assert title_of(24) == "Backlash high, GA"
-    listed = [int(number) for numbers, _ in in_words() for number in numbers.split(" to ")]
+    listed = [int(number) for numbers, _ in table_titles() for number in numbers.split(" to ")]
     assert listed[0] == 8
     assert listed[-1] == 61
     assert listed == sorted(listed)
@@ -86,5 +86,5 @@ def test_python_call_repeats_a_table_with_the_runs_of_the_command():
 
 def test_documentation_names_each_table():
     text = (Path(__file__).parents[2] / "docs" / "study.md").read_text(encoding="utf-8")
-    for numbers, title in in_words():
+    for numbers, title in table_titles():
         assert f"| {numbers} | {title} |" in text

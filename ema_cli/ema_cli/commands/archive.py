@@ -120,7 +120,7 @@ def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> Non
             )
         status = manifest.status(manifest.settings)
     click.echo(f"{folder}: {counted(bags, 'bag')}")
-    click.echo(_due_in_words(status))
+    click.echo(_due_text(status))
 
 
 @archive.command("run")
@@ -163,9 +163,9 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         f"{counted(tally.bags, 'bag')} and {counted(tally.units, 'unit')} processed; "
         f"{tally.damaged} damaged, {tally.incomplete} read in part, {tally.failed} unreadable"
     )
-    click.echo(_unread_in_words(status), nl=False)
-    click.echo(_refused_in_words(folder, status), nl=False)
-    click.echo(_due_in_words(status))
+    click.echo(_unread_text(status), nl=False)
+    click.echo(_refused_text(folder, status), nl=False)
+    click.echo(_due_text(status))
     for words in tally.mended:
         click.echo(words, err=True)
     for unit, reason in tally.not_followed.items():
@@ -195,11 +195,11 @@ def status_(folder: Path, as_json: bool) -> None:
         f"{counted(status.windows, 'window')}, {status.valid} valid; "
         f"{counted(status.units, 'unit')}"
     )
-    click.echo(_unread_in_words(status), nl=False)
+    click.echo(_unread_text(status), nl=False)
     if status.gone:
         click.echo(f"{counted(status.gone, 'bag')} missing: their results stay")
-    click.echo(_refused_in_words(folder, status), nl=False)
-    click.echo(_due_in_words(status))
+    click.echo(_refused_text(folder, status), nl=False)
+    click.echo(_due_text(status))
 
 
 @archive.command("query")
@@ -235,7 +235,7 @@ def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     click.echo(f"{output}: {counted(rows, 'row')}")
 
 
-def _unread_in_words(status: Status) -> str:
+def _unread_text(status: Status) -> str:
     """Return lines on the bags that were not read completely, or belong to no known unit, or ""."""
     lines = [
         f"{counted(count, 'bag')} {what}: later tests may be lost"
@@ -253,7 +253,7 @@ def _unread_in_words(status: Status) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _refused_in_words(folder: Path, status: Status) -> str:
+def _refused_text(folder: Path, status: Status) -> str:
     """Return a line on the number of refused windows and the most frequent reason, if any."""
     if status.windows == status.valid:
         return ""
@@ -264,7 +264,7 @@ def _refused_in_words(folder: Path, status: Status) -> str:
     return "".join(f"{refused}, most often because: {_shown(reason)}\n" for (reason,) in rows)
 
 
-def _due_in_words(status: Status) -> str:
+def _due_text(status: Status) -> str:
     tables = ""
     if status.damaged_tables:
         tables = f"; {counted(len(status.damaged_tables), 'table')} damaged"

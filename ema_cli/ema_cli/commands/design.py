@@ -113,7 +113,7 @@ def design(
         click.echo(json.dumps(_record(result) | {"certificate": certificate.record()}, indent=2))
     else:
         click.echo(str(certificate))
-        click.echo(_in_words(result))
+        click.echo(_design_text(result))
         if result.reached:
             click.echo(_next_steps(output, options))
     if not result.reached:
@@ -136,7 +136,7 @@ def _record(result: Design) -> dict:
     }
 
 
-def _in_words(result: Design) -> str:
+def _design_text(result: Design) -> str:
     command = result.command
     demands = ", ".join(
         f"{name} {demand:.4g} of {getattr(result.limits, name):.4g} {UNITS[name]}"

@@ -18,7 +18,7 @@ from ema_cli.output import require_free
 from ema_cli.parameters import settings_options
 from ema_cli.report.verdict import is_unjudged, latest_comparison
 from ema_cli.show.prognosis_table import (
-    advice_in_words,
+    advice_text,
     as_values,
     course_as_values,
     summary,
@@ -84,7 +84,7 @@ def predict(
             f"{tests}, flight hours {hours}, cycles {report.cycles}"
         )
         click.echo(report.removal)
-        if words := advice_in_words(course):
+        if words := advice_text(course):
             click.echo(words)
         if (latest := latest_comparison(course)) is not None:
             comparison, ended = latest

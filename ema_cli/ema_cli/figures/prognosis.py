@@ -30,7 +30,7 @@ from ema_monitor.plot.style import (
 from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
-from ema_monitor.prognosis.sentences import removal_in_words, shown_in
+from ema_monitor.prognosis.sentences import removal_text, shown_in
 
 ALPHA: Final = 0.2
 """Half-width of the cone around the true remaining life, relative to that life [-]."""
@@ -90,7 +90,7 @@ def draw_course(course: Course) -> Figure:
     unit = course.record.description
     name = f"{unit.actuator_id} ({unit.serial_number})"
     title = f"{name}, {counted(len(course.outlooks), 'valid test')}"
-    title += f"\n{fill(removal_in_words(course.now), _TITLE_WIDTH)}"
+    title += f"\n{fill(removal_text(course.now), _TITLE_WIDTH)}"
     panels[0].set_title(title, loc="left", fontsize="medium")
     figure.align_ylabels(panels)
     draw_legend(figure, panels, _BANDS)

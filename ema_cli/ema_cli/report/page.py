@@ -125,7 +125,7 @@ def report_page(
             "from": course.options.calibration_source,
             "unit": f"{calibration.actuator_id} ({calibration.serial_number})",
             "healthy windows": str(calibration.windows),
-            "residual of a healthy window": calibration.residual_in_words,
+            "residual of a healthy window": calibration.residual_text,
             "not calibrated with this unit": missed or "nothing",
         },
         search=course.options.search,
@@ -152,13 +152,13 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
 
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
     """Return the report on a fleet as self-contained HTML."""
-    caption = _survival_in_words(fleet)
+    caption = _survival_text(fleet)
     return render(
         "fleet.html.j2",
         command,
         archive=archive,
         fleet=fleet,
-        bags=_bags_in_words(fleet),
+        bags=_bags_text(fleet),
         label_of=label_of,
         ages=[(f"{row['from_hours']:,.4g} – {row['to_hours']:,.4g}", row) for row in fleet.ages],
         models=[(row["model"], row) for row in fleet.models],
@@ -204,7 +204,7 @@ def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Mark
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")
 
 
-def _bags_in_words(fleet: FleetSummary) -> str:
+def _bags_text(fleet: FleetSummary) -> str:
     """Return a sentence on the bags whose tests are missing from the tables, wholly or in part.
 
     It is "" if there is no such bag.
@@ -226,7 +226,7 @@ def _bags_in_words(fleet: FleetSummary) -> str:
     return f"{words}. Unreadable: {', '.join(unreadable)}" if unreadable else words
 
 
-def _survival_in_words(fleet: FleetSummary) -> str:
+def _survival_text(fleet: FleetSummary) -> str:
     lives = f"{fleet.lives:,} {'life' if fleet.lives == 1 else 'lives'}"
     if not fleet.lives:
         return "No unit has a test with known service hours."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from ema_cli.bags.unit_course import Course
-from ema_cli.show.prognosis_table import WIDENED, advice_in_words
+from ema_cli.show.prognosis_table import WIDENED, advice_text
 from ema_core.causes import CAUSE_BY_NAME, SystemPart
 from ema_core.dates import moment
 from ema_core.description import ActuatorDescription
@@ -20,11 +20,11 @@ from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate, Verdict
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
-from ema_monitor.prognosis.event_texts import event_in_words
+from ema_monitor.prognosis.event_texts import event_text
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.sentences import TREND_HOURS, cause_of_level, removal_in_words, shown_in
+from ema_monitor.prognosis.sentences import TREND_HOURS, cause_of_level, removal_text, shown_in
 from ema_monitor.quantities import FRICTION
 from ema_monitor.reason_texts import part_label
 
@@ -55,7 +55,7 @@ def shown(item: FaultHealth) -> Shown:
     return Shown(label_of(item.name), scale, unit, *words)
 
 
-def life_in_words(life: RemainingLife) -> str:
+def life_text(life: RemainingLife) -> str:
     """Return the 5, 50 and 95 % quantiles of a known remaining life [h] as a string."""
     return " / ".join(
         "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
@@ -70,9 +70,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
         path = course.record.bags.get(step.end_ns)
         # The reason names the hidden causes.
         remarks = [step.reason, *(f"measured: {cause}" for cause in step.measured)]
-        remarks += [
-            f"event: {event_in_words(event)}" for event in (outlook.events if outlook else ())
-        ]
+        remarks += [f"event: {event_text(event)}" for event in (outlook.events if outlook else ())]
         rows.append(
             {
                 "number": number,
@@ -129,7 +127,7 @@ def _limited(
     life = outlook.lives.get(item.name, outlook.rul)
     words = "unknown" if life.reason in ("", common) else life.reason
     if life.known:
-        words = f"{life_in_words(life)} h"
+        words = f"{life_text(life)} h"
         checked = outlook.calibrations.get(item.name)
         if checked is not None and checked.widening > WIDENED:
             words += (
@@ -211,7 +209,7 @@ def verdict_of(course: Course) -> UnitVerdict:
         _lasting(last),
         _basis(course, last),
     )
-    words = [advice_in_words(course), removal_in_words(last)]
+    words = [advice_text(course), removal_text(last)]
     actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(course)]
     return UnitVerdict(last.health.level, lines, actions)
 
@@ -254,11 +252,11 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
     description = course.record.description
-    parts = [_item_in_words(item, last, description) for item in named]
+    parts = [_item_text(item, last, description) for item in named]
     return f"{_sentence('; behind it '.join(parts))}"
 
 
-def _item_in_words(item: FaultHealth, last: Outlook, description: ActuatorDescription) -> str:
+def _item_text(item: FaultHealth, last: Outlook, description: ActuatorDescription) -> str:
     what = shown(item)
     words = f"{what.label} {what.value_and_sigma} against its limit {what.limit}"
     notes = list(filter(None, [physical(item.name, item.value, description)]))
@@ -280,7 +278,7 @@ def _lasting(last: Outlook) -> str:
         return f"The remaining life is unknown: {life.reason or 'no growth is certain'}."
     before = last.flight_hours + last.removal.hours
     return (
-        f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
+        f"Remaining useful life {life_text(life)} flight hours (5 / 50 / 95 %), until "
         f"{life.criterion}; remove before {before:,.0f} service hours."
     )
 

@@ -13,11 +13,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ema_cli.bags.diagnoses import quantity_of
-from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
+from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_text
 from ema_core.causes import CauseEstimate
 from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
-from ema_core.wording import beside_limit, counted, time_in_words
+from ema_core.wording import beside_limit, counted, time_text
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, shown_in
 from ema_monitor.quantities import FRICTION
@@ -68,7 +68,7 @@ class Row:
         """Level with its shape; progress if the unit is learning, the last alarm if it is stale."""
         if self.learning:
             return f"{_LEARNING_SHAPE} LEARNING {self.learning}"
-        text = level_in_words(self.level)
+        text = level_text(self.level)
         is_hidden = self.level == STALE and self.last_level in (WARN, ERROR)
         return f"{text}, was {LEVEL_NAMES[self.last_level]}" if is_hidden else text
 
@@ -195,7 +195,7 @@ class LatestHealths:
             level=health.level,
             last_level=health.last_level if health.level == STALE else health.level,
             health_index=health.health_index,
-            dominant=_dominant_in_words(health),
+            dominant=_dominant_text(health),
             life=hours,
             must_remove=_must_remove(health),
             remove_before=health.flight_hours + _removal_hours(health),
@@ -222,7 +222,7 @@ def _order(row: Row) -> tuple[Any, ...]:
     return (-urgency, row.life[0] if row.life else math.inf, index, row.place, row.actuator_id)
 
 
-def _dominant_in_words(health: Any) -> str:
+def _dominant_text(health: Any) -> str:
     """Return the dominant fault or requirement with value, sigma and limit, or "" if none."""
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
@@ -302,7 +302,7 @@ class HealthTable(TerminalDisplay):
                 Text(row.dominant or "-"),
                 _life(row),
                 _removal(row) or "-",
-                time_in_words(row.test_age_s) if row.test_ns else "-",
+                time_text(row.test_age_s) if row.test_ns else "-",
             )
         return table
 
@@ -331,7 +331,7 @@ def _line(row: Row) -> str:
         row.dominant,
         f"RUL {life}{' h' * (row.life is not None)}",
         f"remove {removal}" if removal else "",
-        f"last test {time_in_words(row.test_age_s)} ago" if row.test_ns else "no test yet",
+        f"last test {time_text(row.test_age_s)} ago" if row.test_ns else "no test yet",
         row.why,
     )
     return "  ".join(filter(None, parts))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from ema_cli.bags.joint_course import JointCourse
-from ema_cli.show.terminal import level_in_words
+from ema_cli.show.terminal import level_text
 from ema_core.dates import moment
 from ema_core.levels import LEVEL_NAMES, STALE
 from ema_core.wording import counted, text_table
@@ -19,7 +19,7 @@ HEADINGS: Final = ("joint", "level", "since", "records", "friction", "further ch
 
 def row_of(course: JointCourse) -> tuple[str, ...]:
     """Return the table cells of a joint, in the order of ``HEADINGS``."""
-    level = "not judged" if course.level == STALE else level_in_words(course.level)
+    level = "not judged" if course.level == STALE else level_text(course.level)
     records = f"{course.healthy} healthy, {len(course.estimates)} later"
     further = ", ".join(map(_changed, course.further_changes))
     return (

@@ -15,7 +15,7 @@ from ema_cli.bags.unit_course import Course
 from ema_core.event_kinds import EventKind
 from ema_core.labels import label_of
 from ema_core.levels import LEVEL_NAMES
-from ema_monitor.prognosis.event_texts import event_in_words
+from ema_monitor.prognosis.event_texts import event_text
 from ema_monitor.prognosis.growth.check import AHEAD
 from ema_monitor.prognosis.sentences import TREND_HOURS, shown_in
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
@@ -128,7 +128,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     for name, life in lives.items():
         # The sentence on removal already states the reason of the overall life.
         repeats = not life.known and life.reason in ("", report.rul.reason)
-        lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
+        lines.append(f"remaining useful life {name}: {'unknown' if repeats else _life_text(life)}")
     level = LEVEL_NAMES[report.level]
     if report.level != report.last_level:
         level += f" (last {LEVEL_NAMES[report.last_level]})"
@@ -153,7 +153,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
             if event.kind is EventKind.GAP:
                 missed.append(place)
             else:
-                lines.append(f"event at {place}: {event_in_words(event)}")
+                lines.append(f"event at {place}: {event_text(event)}")
     if missed:
         lines.append(f"missed tests before {', '.join(missed)}")
     if reason := course.now.health.reason:
@@ -188,7 +188,7 @@ def _figure_of_check(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "unknown"
 
 
-def _in_words(life: LifeReport) -> str:
+def _life_text(life: LifeReport) -> str:
     if not life.known:
         return f"unknown ({life.reason})"
     cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
@@ -208,7 +208,7 @@ def _figure(value: float, sign: str = "") -> str:
     return f"{value:{sign}.4f}" if math.isfinite(value) else "-"
 
 
-def advice_in_words(course: Course) -> str:
+def advice_text(course: Course) -> str:
     """Return a sentence with action, time, cost and reason, or "" without costs."""
     advice, costs = course.advice, course.options.costs
     if advice is None or costs is None:

@@ -20,7 +20,7 @@ COLOURS: Final[Mapping[int, str]] = MappingProxyType(
 """Style of each level on a terminal, keyed by level."""
 
 
-def level_in_words(level: int) -> str:
+def level_text(level: int) -> str:
     """Return shape and name of a level, such as "● OK"."""
     return f"{SHAPES[level]} {LEVEL_NAMES[level]}"
 

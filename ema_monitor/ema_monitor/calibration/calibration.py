@@ -195,7 +195,7 @@ class Calibration(StoredCalibration):
         return next(drive for drive, forms in FORMS_OF_DRIVES.items() if self.form in forms)
 
     @property
-    def residual_in_words(self) -> str:
+    def residual_text(self) -> str:
         """Formatted residuals of current and speed in a healthy window."""
         return f"{self.healthy_rms:.4g} A, {self.healthy_speed_rms:.4g} rad/s"
 

@@ -159,7 +159,7 @@ class JointCalibration(StoredCalibration):
         return replace(self, baseline=self.baseline.with_labels(kept))
 
     @property
-    def residual_in_words(self) -> str:
+    def residual_text(self) -> str:
         """Formatted standard error of the friction in a healthy record."""
         sigma = math.sqrt(float(np.median(self.baseline.covariances[:, 0, 0])))
         return f"friction of a record ± {100.0 * sigma:.2g} %"

@@ -13,7 +13,7 @@ from ema_core.labels import label_of
 from ema_core.levels import ERROR
 from ema_core.quantity import Checked, quantity, text
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import removal_in_words
+from ema_monitor.prognosis.sentences import removal_text
 
 Action = Literal["unknown", "continue", "inspect", "remove"]
 """Kinds of advice."""
@@ -186,7 +186,7 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
         return Advice("unknown", costs.defect)
     items = (*outlook.health.faults, *outlook.health.requirements)
     if any(item.level == ERROR for item in items):
-        return Advice("remove", removal_in_words(outlook), now, 0.0, 1.0)
+        return Advice("remove", removal_text(outlook), now, 0.0, 1.0)
     if math.isnan(now):
         return Advice("unknown", rul.reason)
     if not rul.known:

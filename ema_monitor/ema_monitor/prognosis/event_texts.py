@@ -10,7 +10,7 @@ from ema_core.labels import label_of
 from ema_core.wording import counted
 from ema_monitor.joint.wording import finding
 from ema_monitor.prognosis.events import Occurrence, UnitEvent
-from ema_monitor.prognosis.sentences import in_words, recurrence_in_words
+from ema_monitor.prognosis.sentences import fault_text, recurrence_text
 from ema_monitor.reason_texts import joined
 
 
@@ -19,7 +19,7 @@ def text_of(occurrence: Occurrence) -> str:
     return _TEXTS[type(occurrence)](occurrence)
 
 
-def event_in_words(event: UnitEvent) -> str:
+def event_text(event: UnitEvent) -> str:
     """Return kind and sentence of an event."""
     return f"{label_of(event.kind)}: {text_of(event.occurrence)}"
 
@@ -115,8 +115,8 @@ _TEXTS: Final[dict[type[Occurrence], Callable[[Any], str]]] = {
     of.ValuesDisagree: _values_disagree,
     of.ValueUnexpected: _value_unexpected,
     of.ValueChanged: _value_changed,
-    of.AlarmRaised: lambda event: in_words(event.item),
-    of.FaultRecurred: lambda event: recurrence_in_words(event.name, event.recurrence),
+    of.AlarmRaised: lambda event: fault_text(event.item),
+    of.FaultRecurred: lambda event: recurrence_text(event.name, event.recurrence),
     of.UnitFailed: lambda event: joined(event.reasons),
     of.UnitDeparted: _unit_departed,
     of.EstimatesMissing: lambda event: (

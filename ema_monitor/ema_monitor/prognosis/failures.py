@@ -9,7 +9,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.intermittent import LATEST_TESTS
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import failures_in_words
+from ema_monitor.prognosis.sentences import failures_text
 
 
 def with_earlier_failure(
@@ -35,7 +35,7 @@ def with_earlier_failure(
     failed = ((i, test.reason) for i, test in enumerate(latest) if isinstance(test, UnusedCycle))
     tests_since, reason = next(failed, (len(latest), ""))
     if recurrence is not None:
-        text = failures_in_words(reason, recurrence)
+        text = failures_text(reason, recurrence)
     elif reason and tests_since < confirmations:
         text = f"{reason}, in an earlier test: the next test must confirm that it has ended"
     else:

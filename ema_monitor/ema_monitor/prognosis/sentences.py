@@ -37,13 +37,13 @@ def cause_of_level(outlook: Outlook) -> str:
     if not items:
         return outlook.departure or health.reason
     items.sort(key=lambda item: (-item.level, item.name != outlook.dominant_fault))
-    causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
+    causes = [fault_text(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)
     text = ", ".join(causes) + (f" and {more} more" if more else "")
     return "; ".join(filter(None, [text, outlook.departure]))
 
 
-def in_words(item: FaultHealth) -> str:
+def fault_text(item: FaultHealth) -> str:
     """Return a phrase with value and limit of a fault or requirement in WARN or ERROR."""
     unit, scale = shown_in(RequirementLimits.unit(item.name))
     side = "below" if item.limit_is_lower else "above"
@@ -52,7 +52,7 @@ def in_words(item: FaultHealth) -> str:
     if item.level != ERROR:
         ends = f"warns {side} {scale * item.warn_limit:.3g}{unit}, fails {side} {limit}{unit}"
     if item.recurrence is not None:
-        return f"{recurrence_in_words(item.name, item.recurrence)} ({ends})"
+        return f"{recurrence_text(item.name, item.recurrence)} ({ends})"
     if math.isfinite(item.held):
         held = scale * item.held
         return (
@@ -65,7 +65,7 @@ def in_words(item: FaultHealth) -> str:
     return text
 
 
-def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
+def recurrence_text(name: str, recurrence: Recurrence) -> str:
     """Return a sentence on an intermittent fault or a single occurrence.
 
     The sentence includes what ends the warning.
@@ -86,7 +86,7 @@ def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
     )
 
 
-def failures_in_words(reason: str, recurrence: Recurrence) -> str:
+def failures_text(reason: str, recurrence: Recurrence) -> str:
     """Return a sentence on an intermittent failure and on how to acknowledge it.
 
     Parameters
@@ -110,7 +110,7 @@ def reason_of(outlook: Outlook) -> str:
     return "; ".join(dict.fromkeys(filter(None, [outlook.health.reason, outlook.rul.reason])))
 
 
-def removal_in_words(outlook: Outlook) -> str:
+def removal_text(outlook: Outlook) -> str:
     """Return a sentence with the latest time to remove a unit, and the reason."""
     if outlook.failure:
         return f"Remove now: {outlook.failure}"

@@ -296,6 +296,6 @@ def test_summary_states_friction_inertia_and_their_sources(calibration):
     text = str(calibration)
     assert "of joint (controller not modelled) from 6 records on 3 days" in text
     assert "friction 1" in text
-    assert "± " in calibration.residual_in_words
+    assert "± " in calibration.residual_text
     assert calibration.windows == 6
     assert calibration.comparer.smallest_changes[FRICTION] < 0.11

@@ -13,7 +13,7 @@ from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.publish.log import Log
-from ema_monitor.prognosis.event_texts import event_in_words
+from ema_monitor.prognosis.event_texts import event_text
 from ema_monitor.prognosis.events import UnitEvent
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -116,7 +116,7 @@ class Histories:
         self._logged[key] = problem
         for event in events:
             if event.kind not in _LOGGED_ELSEWHERE:
-                self._log.warning(f"{description.actuator_id}: {event_in_words(event)}")
+                self._log.warning(f"{description.actuator_id}: {event_text(event)}")
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator for this run; its files are kept."""

@@ -253,7 +253,7 @@ class FleetPrior:
     Kinds for which no unit has a growing fault are omitted.
     """
 
-    def in_words(self) -> str:
+    def text(self) -> str:
         """Return a phrase that describes the origin of the prior."""
         origin = counted(self.units, "other unit")
         return f"growth prior from {origin}" + (f" ({self.names})" if self.names else "")

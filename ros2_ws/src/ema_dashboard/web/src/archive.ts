@@ -81,7 +81,7 @@ export async function fetchSummary(most: number): Promise<Summary | null> {
 }
 
 /** Numbers of bags that are missing or incomplete in the tables, as a sentence; "" if none is. */
-export function bagsInWords({ bags }: Summary): string {
+export function bagsText({ bags }: Summary): string {
   const parts = ([
     ["damaged", "cannot be read"],
     ["incomplete", "can be read only in part"],

@@ -3,7 +3,7 @@
 
 import { useEffect, useMemo, useState } from "preact/hooks";
 import uPlot from "uplot";
-import { bagsInWords, curveOf, fetchSummary, type Levels, type Summary, type WorstUnit } from "../archive.ts";
+import { bagsText, curveOf, fetchSummary, type Levels, type Summary, type WorstUnit } from "../archive.ts";
 import { labelOf } from "../faults.ts";
 import { fixed, hours, lifeHours, percent, significant } from "../format.ts";
 import { LEVELS, type Level, levelNow } from "../levels.ts";
@@ -33,7 +33,7 @@ export function useSummary(isShown: boolean): { summary?: Summary | null; reason
 }
 
 export function Archive({ summary, reason }: { summary?: Summary | null; reason: string }) {
-  const unread = summary ? bagsInWords(summary) : "";
+  const unread = summary ? bagsText(summary) : "";
   return (
     <main id="main" tabIndex={-1} class="archive">
       <h1 class="view-title">

@@ -97,7 +97,7 @@ export function Trend({ fault, columns, actuator, height = 210 }: {
         {isDominant && <span class="tag">dominant</span>}
         <Badge level={level} />
       </figcaption>
-      <Plot label={inWords(fault, shown, limits.map(shownLimit), columns, level.word, isHours)} height={height}
+      <Plot label={plotText(fault, shown, limits.map(shownLimit), columns, level.word, isHours)} height={height}
         x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [${unit}]`}
         isTime={!isHours} series={series} data={built.data} bands={bands} legend={false}
         yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, 1.05 * (most ?? 0))]}
@@ -113,7 +113,7 @@ function axisOf(fault: Fault, { description }: Actuator) {
     : { scale: 1, unit: "-", decimals: 4 };
 }
 
-function inWords(
+function plotText(
   fault: Fault, shown: string, limits: string[], columns: HistoryColumns, level: string,
   isHours: boolean,
 ): string {

@@ -29,7 +29,7 @@ export function Remaining({ health, columns }: { health?: Health; columns?: Hist
   return (
     <Section title="Remaining life over service hours" id="remaining" note={note}>
       {isKnown ? (
-        <Plot label={inWords(health, built.count)} height={280} x="service hours [h]"
+        <Plot label={plotText(health, built.count)} height={280} x="service hours [h]"
           y="remaining life [h]" series={series} data={built.data} legend={false}
           bands={[{ series: [3, 2], fill: "band" }, { series: [6, 5], fill: "fan" }]}
           yRange={() => [0, built.top]} draw={draw} />
@@ -43,7 +43,7 @@ export function Remaining({ health, columns }: { health?: Health; columns?: Hist
   );
 }
 
-function inWords(health: Health | undefined, count: number): string {
+function plotText(health: Health | undefined, count: number): string {
   const life = health?.rul;
   if (!life?.known) return `Remaining life after ${count} tests; unknown now`;
   return `Remaining life after ${count} tests: now ${lifeHours(life.hours_50, life)} hours, ` +
