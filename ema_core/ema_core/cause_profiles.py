@@ -63,7 +63,7 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
         If a name is unknown or repeated, a value is not a number in its range, or a time is
         negative or not finite; the message names the cause, its value, unit and range.
     """
-    if isinstance(causes, str):
+    if isinstance(causes, str) or not isinstance(causes, Iterable):
         raise ValueError(f"causes = {causes!r}: expected a list of strings {GRAMMAR}")
     if isinstance(causes, Mapping):
         pairs = [

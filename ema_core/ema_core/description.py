@@ -6,6 +6,7 @@ from typing import Final
 
 from ema_core.acquisition import Acquisition
 from ema_core.consistency import remarks, standstill
+from ema_core.expecting import require_type
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import check_period
 from ema_core.wording import unknown_name
@@ -34,9 +35,9 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        If the id, serial number or model is not a valid name, the period is outside
-        ``ema_core.telemetry.PERIODS``, the drive is not one of ``DRIVES`` or needs a command that
-        is missing, or the motor is too weak for its friction.
+        If the id, serial number or model is not a valid name, ``parameters`` or ``acquisition`` has
+        a wrong type, the period is outside ``ema_core.telemetry.PERIODS``, the drive is not one of
+        ``DRIVES`` or needs a command that is missing, or the motor is too weak for its friction.
     """
 
     actuator_id: str = "flap"
@@ -71,6 +72,8 @@ class ActuatorDescription:
             value = getattr(self, name)
             if value or name != "model":
                 check_name(name, value)
+        require_type("parameters", self.parameters, ActuatorParameters)
+        require_type("acquisition", self.acquisition, Acquisition)
         if self.drive not in DRIVES:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)

@@ -2,6 +2,7 @@
 """Type checks of arguments of public functions."""
 
 from collections.abc import Callable
+from types import NoneType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -21,7 +22,7 @@ def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint:
     """
     types = expected if isinstance(expected, tuple) else (expected,)
     if not isinstance(value, types):
-        names = " or ".join(kind.__name__ for kind in types)
+        names = " or ".join("None" if kind is NoneType else kind.__name__ for kind in types)
         more = f": {hint}" if hint else ""
         raise ValueError(f"{name} is of type {type(value).__name__}, expected {names}{more}")
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import yaml
 
+from ema_core.expecting import require_type
 from ema_core.files import read_regular_file
 
 MOST_BYTES: Final = 64_000_000
@@ -49,7 +50,7 @@ class _Loader(_Base):
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_bounded)
 
 
-def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
+def load_yaml(path: str | Path, most_bytes: int | None = None) -> Any:
     """Return the content of a YAML file as plain values.
 
     Parameters
@@ -63,13 +64,16 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
     Raises
     ------
     ValueError
-        If the file is not regular, too large or not YAML; the message names the file and the
-        reason.
+        If the path has a wrong type, or the file is not regular, too large or not YAML; the message
+        names the file and the reason.
     OSError
         If the file cannot be read.
     """
+    require_type("path", path, (str, Path))
     try:
-        return parse_yaml(read_regular_file(path, MOST_BYTES if most_bytes is None else most_bytes))
+        return parse_yaml(
+            read_regular_file(Path(path), MOST_BYTES if most_bytes is None else most_bytes)
+        )
     except YamlError as error:
         raise ValueError(f"{path} is not a YAML file: {error}") from error
 

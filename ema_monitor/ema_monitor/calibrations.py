@@ -36,13 +36,14 @@ _SUFFIXES: Final = (".yaml", ".yml")
 _WINDOWS_HINT: Final = "find_windows(telemetry) returns windows"
 
 
-def load_calibration(path: Path) -> AnyCalibration:
+def load_calibration(path: str | Path) -> AnyCalibration:
     """Return the calibration read from a file, for a modelled or an unknown drive.
 
     Raises
     ------
     ValueError
-        If the file is not a calibration; the message names file and defect.
+        If ``path`` has a wrong type, or the file is not a calibration; the message names file and
+        defect.
     OSError
         If the file cannot be read.
     """

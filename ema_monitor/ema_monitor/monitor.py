@@ -5,9 +5,12 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import NoneType
+
+import numpy as np
 
 from ema_core.description import ActuatorDescription
-from ema_core.expecting import value_or_default
+from ema_core.expecting import require_type, value_or_default
 from ema_core.telemetry import Telemetry
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
@@ -33,7 +36,13 @@ Output = Defect | Diagnosed | Outlook
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """Settings of a monitor of one actuator."""
+    """Settings of a monitor of one actuator.
+
+    Raises
+    ------
+    ValueError
+        If the settings of a part have a wrong type.
+    """
 
     trigger: TriggerSettings = field(default_factory=TriggerSettings)
     """Trigger settings: start condition and length of a window."""
@@ -49,6 +58,12 @@ class MonitorSettings:
 
     measured_max_age_s: float = MAX_AGE_S
     """Largest age of a measurement at the start of a window [s]."""
+
+    def __post_init__(self) -> None:
+        require_type("trigger", self.trigger, TriggerSettings)
+        require_type("search", self.search, SearchSettings)
+        require_type("combining", self.combining, CombinationSettings)
+        require_type("prognosis", self.prognosis, PrognosisSettings)
 
 
 class Monitor:
@@ -83,7 +98,7 @@ class Monitor:
         description: ActuatorDescription | None = None,
         calibration: AnyCalibration | None = None,
         settings: MonitorSettings | None = None,
-        history_folder: Path | None = None,
+        history_folder: str | Path | None = None,
     ) -> None:
         self._description = value_or_default(
             "description", description, ActuatorDescription, ActuatorDescription
@@ -100,7 +115,8 @@ class Monitor:
         )
         self._diagnosis = Diagnosis()
         key = self._description.unit_key
-        path = history_path(history_folder, *key) if history_folder else None
+        require_type("history_folder", history_folder, (str, Path, NoneType))
+        path = None if history_folder is None else history_path(Path(history_folder), *key)
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def __repr__(self) -> str:
@@ -116,11 +132,24 @@ class Monitor:
         level is unknown (``STALE``) until the stamps of tests exceed the stamps before the step. If
         the clock of this computer stepped back as well, or ``has_clock`` is false, tests are
         ordered by the time at which they were fed.
+
+        Raises
+        ------
+        ValueError
+            If ``telemetry`` is not a `Telemetry`.
         """
+        require_type("telemetry", telemetry, Telemetry)
         return self._follow(self._intake.feed(telemetry))
 
     def count(self, count: Count) -> None:
-        """Add a count of service hours; it applies to later tests."""
+        """Add a count of service hours; it applies to later tests.
+
+        Raises
+        ------
+        ValueError
+            If ``count`` is not a `Count`.
+        """
+        require_type("count", count, Count)
         self._intake.count(self.unit.history.unit, count)
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
@@ -138,8 +167,9 @@ class Monitor:
         Raises
         ------
         ValueError
-            If a cause is unknown or impossible.
+            If an argument has a wrong type, or a cause is unknown or impossible.
         """
+        require_type("stamp_ns", stamp_ns, (int, np.integer))
         self._intake.measure(stamp_ns, measured)
 
     def finish(self) -> Iterator[Output]:

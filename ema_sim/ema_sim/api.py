@@ -4,11 +4,13 @@
 from collections.abc import Mapping
 from typing import Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.cause_profiles import Causes
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import value_or_default
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, join
 from ema_sim.actuator import SimulatedActuator
@@ -70,12 +72,12 @@ def simulate(
     Raises
     ------
     ValueError
-        If a value is out of range; the message names it.
+        If a value is out of range or has a wrong type; the message names it.
     """
-    if cycles < 1:
+    if not (isinstance(cycles, int | np.integer) and cycles >= 1):
         raise ValueError(f"cycles = {cycles!r}: expected a whole number of at least 1")
     bench = ActuatorBench(
-        description or ActuatorDescription(),
+        value_or_default("description", description, ActuatorDescription, ActuatorDescription),
         BenchSettings(current_noise=current_noise, seed=seed),
         parameters=parameters,
         resolutions=resolutions,

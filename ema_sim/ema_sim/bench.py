@@ -4,6 +4,7 @@
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.cause_profiles import Causes, Profile, cause_profiles
 from ema_core.commands import THESIS_CHIRP, Command, approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import Checked, check_length, is_finite_number, quantity
@@ -100,8 +102,8 @@ class ActuatorBench:
     Raises
     ------
     ValueError
-        If a value is out of range, or the sample period is longer than 10 ms or not a whole
-        multiple of the step of the simulation.
+        If a value is out of range or has a wrong type, or the sample period is longer than 10 ms or
+        not a whole multiple of the step of the simulation.
     """
 
     def __init__(
@@ -113,12 +115,15 @@ class ActuatorBench:
         resolutions: Mapping[str, float] | None = None,
         causes: Causes = (),
     ) -> None:
-        self.settings = settings or BenchSettings()
+        require_type("description", description, ActuatorDescription)
+        require_type("parameters", parameters, (ActuatorParameters, NoneType))
+        self.settings = value_or_default("settings", settings, BenchSettings, BenchSettings)
         self.description = description
         sensor_rng, current_rng, self._growth_rng = np.random.default_rng(self.settings.seed).spawn(
             3
         )
-        self._sensors = Sensors(self.settings.current_noise, resolutions or {}, sensor_rng)
+        resolutions = value_or_default("resolutions", resolutions, Mapping, dict)
+        self._sensors = Sensors(self.settings.current_noise, resolutions, sensor_rng)
         self._actuator = SimulatedActuator(
             parameters or description.parameters,
             sample_period=description.sample_period,
@@ -143,8 +148,9 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            If the command cannot be sampled at the period of the telemetry.
+            If the command cannot be sampled at the period of the telemetry, or has a wrong type.
         """
+        require_type("command", command, Command)
         h = self.description.sample_period
         check_length(
             self.settings.pause_s / h,

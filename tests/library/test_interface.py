@@ -5,7 +5,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -115,6 +115,9 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         with pytest.raises(ValueError, match=r"expected Window or Refusal: find_windows"):
             ema_monitor.identify(wrong)
     public, settings = ema_monitor, ema_monitor.SearchSettings()
+    monitor, trigger = ema_monitor.Monitor(), ema_monitor.TriggerSettings()
+    flap, sine = ema_sim.ActuatorDescription(), ema_sim.Command("sine")
+    limits = ema_monitor.MotionLimits.within(flap.parameters, travel=0.03)
     calls: list[tuple[str, Callable[[Any], Any], tuple[Any, ...]]] = [
         ("description is of type", lambda x: public.find_windows(telemetry, x), (3, settings)),
         ("settings is of type", lambda x: public.find_windows(telemetry, None, x), (3, settings)),
@@ -142,6 +145,54 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         ("description is of type", public.Monitor, (3, settings)),
         ("settings is of type", lambda x: public.Monitor(settings=x), (3, settings)),
         ("history is of type", public.Unit, (3, estimate)),
+        ("history_folder is of type", lambda x: public.Monitor(history_folder=x), (3, b"x")),
+        ("path is of type", lambda x: public.History("flap", "1", x), (3,)),
+        ("path is of type", public.Calibration.builtin().save, (3, None)),
+        ("path is of type", public.load_calibration, (3, None)),
+        ("path is of type", read_windows, (3, None)),
+        ("settings is of type", lambda x: read_windows(SAMPLE, x), (3,)),
+        ("measured is of type", lambda x: public.identify(window, measured=x), ([1],)),
+        ("telemetry is of type", monitor.feed, (window, 3)),
+        ("count is of type", monitor.count, (3,)),
+        ("stamp_ns is of type", lambda x: monitor.measure(x, {"load_torque": (0.1, 0.1)}), ("a",)),
+        ("measured is of type", lambda x: monitor.measure(0, x), ([1],)),
+        (
+            "measurement is of type int, expected Measurement: Measurement.of",
+            public.Tracker().update,
+            (3,),
+        ),
+        ("duty is of type", public.Tracker().predict, (2.0,)),
+        ("hours = 'a' h: expected a number", lambda x: public.track([estimate], [x]), ("a",)),
+        ("duty = 'a': expected a number", public.FutureDuty, ("a",)),
+        ("laws is of type", lambda x: public.TrackerSettings(laws=x), ("exponential", 3)),
+        (
+            "law of friction is of type str, expected KnownLaw",
+            lambda x: public.TrackerSettings(laws={"friction": x}),
+            ("exponential",),
+        ),
+        ("settings is of type", public.WindowFinder, (3,)),
+        ("description is of type", lambda x: public.WindowFinder(trigger, x), (3,)),
+        ("block is of type", public.WindowFinder(trigger).feed, (window,)),
+        ("rig is of type", lambda x: public.certify(x, sine), (None, [window])),
+        ("command is of type", lambda x: public.certify(print, x), (None, "sine")),
+        ("rig is of type", lambda x: public.design_command(x, flap, limits), (None,)),
+        ("description is of type", lambda x: public.design_command(print, x, limits), (None,)),
+        ("limits is of type", lambda x: public.design_command(print, flap, x), (None, 3)),
+        ("wanted is of type", lambda x: public.design_command(print, flap, limits, x), (3,)),
+        ("command is of type", lambda x: ema_sim.simulate(command=x), ("chirp",)),
+        ("description is of type", lambda x: ema_sim.simulate(description=x), (3,)),
+        ("parameters is of type", lambda x: ema_sim.simulate(parameters=x), (3,)),
+        ("resolutions is of type", lambda x: ema_sim.simulate(resolutions=x), (3,)),
+        ("cycles = 'a': expected a whole number", lambda x: ema_sim.simulate(cycles=x), ("a",)),
+        ("causes = 3: expected a list", lambda x: ema_sim.simulate(causes=x), (3,)),
+        ("parameters is of type", lambda x: ema_sim.ActuatorDescription(parameters=x), (3,)),
+        ("acquisition is of type", lambda x: ema_sim.ActuatorDescription(acquisition=x), (3,)),
+        *(
+            (f"{part.name} is of type", lambda x, of=of, name=part.name: of(**{name: x}), (3,))
+            for of in (public.MonitorSettings, public.PrognosisSettings)
+            for part in fields(of)
+            if part.type not in (float, int, bool)
+        ),
     ]
     for expected, call, values in calls:
         for wrong in values:
@@ -151,6 +202,17 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         ema_monitor.track([], [1.0])
     with pytest.raises(ValueError, match="estimate is of type Window, expected Estimate"):
         ema_monitor.track([window], [1.0])
+
+
+def test_paths_are_strings_or_paths(tmp_path):
+    file = str(tmp_path / "calibration.yaml")
+    calibration = ema_monitor.Calibration.builtin()
+    calibration.save(file)
+    loaded = (ema_monitor.load_calibration(file), ema_monitor.Calibration.load(file))
+    assert {copy.calibration_id for copy in loaded} == {calibration.calibration_id}
+    path = ema_monitor.Monitor(history_folder=str(tmp_path)).unit.history.path
+    assert path is not None
+    assert path.parent == tmp_path
 
 
 def test_monitor_and_tracker_are_a_line_in_a_prompt(estimate):

@@ -277,7 +277,7 @@ class Calibration(StoredCalibration):
         return cls.load(Path(__file__).with_name("builtin_calibration.yaml"))
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Read a calibration from a file written by ``save``.
 
         Raises

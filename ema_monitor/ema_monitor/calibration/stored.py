@@ -16,6 +16,7 @@ import yaml
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.display import Displayed
+from ema_core.expecting import require_type
 from ema_core.files import complete_file, open_regular_file
 from ema_core.labels import label_of
 from ema_core.parameters import ActuatorParameters
@@ -86,19 +87,28 @@ class StoredCalibration(Displayed, ABC):
             if not abs(calibrated[name] - described[name]) <= 1e-9 * abs(described[name])
         ]
 
-    def save(self, path: Path) -> None:
-        """Write the calibration to a YAML file, replacing an existing file atomically."""
+    def save(self, path: str | Path) -> None:
+        """Write the calibration to a YAML file, replacing an existing file atomically.
+
+        Raises
+        ------
+        ValueError
+            If ``path`` has a wrong type.
+        OSError
+            If the file cannot be written.
+        """
+        require_type("path", path, (str, Path))
         text = yaml.safe_dump(
             {**self._content(), "calibration_id": self.calibration_id},
             sort_keys=False,
             default_flow_style=None,
             width=96,
         )
-        with complete_file(path) as partial:
+        with complete_file(Path(path)) as partial:
             partial.write_text(text, encoding="utf-8")
 
     @classmethod
-    def of_content(cls, path: Path, content: Any) -> Self:
+    def of_content(cls, path: str | Path, content: Any) -> Self:
         """Return the calibration from the content of a file.
 
         Logs a warning if the content was edited after it was written.

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from textwrap import wrap
+from types import NoneType
 from typing import Any, Final, NamedTuple
 
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_core.labels import label_of
 from ema_core.wording import text_table
@@ -18,6 +20,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.rehearsal import (
     HALF_WIDTH,
     REHEARSED_WINDOWS,
+    RIG_HINT,
     ActuatorRig,
     FaultProspect,
     Rehearsed,
@@ -222,9 +225,15 @@ def certify(
     Raises
     ------
     ValueError
-        If the motion gives no window, or does not permit a calibration.
+        If an argument has a wrong type, or the motion gives no window or does not permit a
+        calibration.
     """
-    description = description or ActuatorDescription()
+    require_type("rig", rig, ActuatorRig, RIG_HINT)
+    require_type("command", command, Command)
+    description = value_or_default(
+        "description", description, ActuatorDescription, ActuatorDescription
+    )
+    require_type("calibration", calibration, (Calibration, NoneType))
     rehearsed = rehearsed or rehearse(rig, command, description, calibration)
     calibration, window = rehearsed.calibration, rehearsed.window
     causes = [

@@ -4,6 +4,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import Final
 
 import numpy as np
@@ -11,11 +12,13 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
+from ema_core.quantity import is_finite_number
 from ema_core.wording import unknown_name
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import SHORTEST_S, SMALLEST_TRAVEL, UNITS, Demands, MotionLimits
-from ema_monitor.design.rehearsal import ActuatorRig, Rehearsed, rehearse
+from ema_monitor.design.rehearsal import RIG_HINT, ActuatorRig, Rehearsed, rehearse
 from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
 from ema_monitor.optimizers.driver import Termination, minimise
 
@@ -152,13 +155,18 @@ def design_command(
     Raises
     ------
     ValueError
-        If a wanted value is out of range, or no motion within the limits gives a window.
+        If an argument has a wrong type, a wanted value is out of range, or no motion within the
+        limits gives a window.
     """
+    require_type("rig", rig, ActuatorRig, RIG_HINT)
+    require_type("description", description, ActuatorDescription)
+    require_type("limits", limits, MotionLimits, "MotionLimits.within(parameters, travel=...)")
+    require_type("wanted", wanted, (Mapping, NoneType), "standard deviation by name of the fault")
     for name, sigma in (wanted or {}).items():
         if name not in COMPONENTS:
             raise ValueError(unknown_name("fault", name, COMPONENTS))
-        if not 0.0 < sigma < math.inf:
-            raise ValueError(f"wanted sigma of {name} = {sigma:g}: expected above 0")
+        if not (is_finite_number(sigma) and sigma > 0.0):
+            raise ValueError(f"wanted sigma of {name} = {sigma!r}: expected a number above 0")
     on_progress("rehearsing the chirp")
     chirp = THESIS_CHIRP
     if wanted is not None:

@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from ema_monitor.windows.window import Window
 HALF_WIDTH: Final = 1.645
 """Half-width of a 90 % interval [standard deviations]."""
 
+RIG_HINT: Final = "a function of command, faults, cycles and causes that returns windows"
+"""Hint for an error message about a rig."""
+
 N_COMBINED: Final = len(SHORT_CIRCUITS)
 """Number of rehearsed actuators with several faults at once."""
 
@@ -45,6 +48,7 @@ REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _
 """Number of windows of a rehearsal."""
 
 
+@runtime_checkable
 class ActuatorRig(Protocol):
     """Runs tests of an actuator with chosen faults; the actuator is usually simulated."""
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.expecting import require_type
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, counted, unknown_name
@@ -31,9 +32,11 @@ def measured_causes(values: Mapping[str, tuple[float, float]]) -> tuple[CauseEst
     Raises
     ------
     ValueError
-        If a cause is unknown to the model or repeated, its value is not a number in its range, or
-        its standard deviation is not positive; the message names the cause, its value and unit.
+        If ``values`` is not a mapping, a cause is unknown to the model or repeated, its value is
+        not a number in its range, or its standard deviation is not positive; the message names the
+        cause, its value and unit.
     """
+    require_type("measured", values, Mapping, "value and standard deviation by name")
     return checked_causes(
         [CauseEstimate(name, *_pair(name, item)) for name, item in values.items()]
     )

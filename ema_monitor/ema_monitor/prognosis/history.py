@@ -11,9 +11,11 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import NoneType
 from typing import Final
 from urllib.parse import quote, unquote
 
+from ema_core.expecting import require_type
 from ema_monitor.identification.estimate import Verdict
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import (
@@ -62,6 +64,11 @@ class History:
         Path of the file; None to keep the history in memory only. The first entry creates the file
         and its folder.
 
+    Raises
+    ------
+    ValueError
+        If ``path`` has a wrong type.
+
     Attributes
     ----------
     unit
@@ -83,7 +90,11 @@ class History:
         The file in use; None if the history is in memory only.
     """
 
-    def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
+    def __init__(
+        self, actuator_id: str, serial_number: str, path: str | Path | None = None
+    ) -> None:
+        require_type("path", path, (str, Path, NoneType))
+        path = None if path is None else Path(path)
         self.entries: list[Entry] = []
         self.late: list[Entry] = []
         self.unused: list[UnusedCycle] = []

@@ -53,9 +53,9 @@ class Count:
             raise ValueError(
                 f"flight_hours = {self.hours:g} h: expected a number in [0, {_MOST_HOURS:g}]"
             )
-        if not 0 <= self.cycles <= _MOST_CYCLES:
+        if not is_finite_number(self.cycles) or not 0 <= self.cycles <= _MOST_CYCLES:
             raise ValueError(
-                f"cycles = {self.cycles}: expected a whole number in [0, {_MOST_CYCLES:g}]"
+                f"cycles = {self.cycles!r}: expected a whole number in [0, {_MOST_CYCLES:g}]"
             )
 
 

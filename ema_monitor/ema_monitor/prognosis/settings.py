@@ -2,7 +2,9 @@
 """Settings of a prognosis."""
 
 from dataclasses import dataclass, field
+from types import NoneType
 
+from ema_core.expecting import require_type
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.scenario import AS_FLOWN, Scenario
@@ -14,7 +16,13 @@ from ema_monitor.prognosis.service import Service
 
 @dataclass(frozen=True)
 class PrognosisSettings:
-    """Settings of the health assessment and the prognosis of a unit."""
+    """Settings of the health assessment and the prognosis of a unit.
+
+    Raises
+    ------
+    ValueError
+        If limits, assumptions or a scenario have a wrong type.
+    """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
     """Fault limits at which life ends."""
@@ -36,3 +44,12 @@ class PrognosisSettings:
     """Number of consecutive tests that lower a level."""
     has_clock: bool = True
     """Whether stamps come from a clock; otherwise tests are ordered and dated by reception."""
+
+    def __post_init__(self) -> None:
+        require_type("limits", self.limits, HealthLimits)
+        require_type("requirements", self.requirements, RequirementLimits)
+        require_type("tracker", self.tracker, TrackerSettings)
+        require_type("service", self.service, Service)
+        require_type("fleet", self.fleet, (FleetGrowth, NoneType))
+        require_type("damage", self.damage, DamageSettings)
+        require_type("scenario", self.scenario, Scenario)

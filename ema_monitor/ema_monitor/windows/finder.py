@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type
 from ema_core.telemetry import Telemetry, lost_between
 from ema_monitor.reasons import (
     CommandMissing,
@@ -67,6 +68,11 @@ class WindowFinder:
     description
         Actuator description; None if not received yet.
 
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong type.
+
     Attributes
     ----------
     description
@@ -82,6 +88,7 @@ class WindowFinder:
     def __init__(
         self, settings: TriggerSettings, description: ActuatorDescription | None = None
     ) -> None:
+        require_type("settings", settings, TriggerSettings)
         self.description: ActuatorDescription | None = None
         self.blocks = self.lost_samples = self.windows = 0
         self._settings = settings
@@ -211,6 +218,7 @@ class WindowFinder:
 
         A changed description ends an open window; an unchanged description has no effect.
         """
+        require_type("description", description, ActuatorDescription)
         if description == self.description:
             return []
         events = self.restart(self._settings, DescriptionChanged())
@@ -241,7 +249,14 @@ class WindowFinder:
         return events
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Process the next block; return the windows that it completes and its defects."""
+        """Process the next block; return the windows that it completes and its defects.
+
+        Raises
+        ------
+        ValueError
+            If ``block`` is not a `Telemetry`.
+        """
+        require_type("block", block, Telemetry)
         self.blocks += 1
         self._samples += len(block)
         if self._last is not None:

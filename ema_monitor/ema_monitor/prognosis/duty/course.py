@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS
+from ema_core.quantity import is_finite_number
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
 
 REFERENCE_TESTS: Final = 10
@@ -58,7 +59,7 @@ class FutureDuty:
     """Values of a scenario that replace flown values, by name."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.factor < np.inf:
+        if not (is_finite_number(self.factor) and self.factor > 0.0):
             raise ValueError(f"duty = {self.factor!r}: expected a number above 0")
 
     def __str__(self) -> str:

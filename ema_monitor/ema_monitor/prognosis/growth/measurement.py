@@ -9,7 +9,9 @@ from typing import Final, Self
 import numpy as np
 
 from ema_core.arrays import Array, Flags
+from ema_core.expecting import require_type
 from ema_core.faults import INDICES, N_FAULTS, healthy_faults
+from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 
@@ -46,8 +48,9 @@ class Measurement:
     """
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.hours < math.inf:
+        if not (is_finite_number(self.hours) and self.hours >= 0.0):
             raise ValueError(f"hours = {self.hours!r} h: expected a number of at least 0")
+        object.__setattr__(self, "hours", float(self.hours))
         for name, kind, shape in (
             ("faults", np.float64, (N_FAULTS,)),
             ("covariance", np.float64, (N_FAULTS, N_FAULTS)),
@@ -75,12 +78,14 @@ class Measurement:
         Raises
         ------
         ValueError
-            If the estimate is invalid, or the hours are negative or NaN.
+            If the estimate is invalid, an argument has a wrong type, or the hours are negative or
+            NaN.
         """
+        require_type("estimate", estimate, Estimate, "identify(window) returns one")
         if not estimate.valid:
             raise ValueError(f"cannot use an estimate that is not valid: {estimate.reason}")
         faults, covariance = np.array(estimate.faults), estimate.covariance
-        return cls(float(hours), faults, covariance, estimate.unobservable, own_hours)
+        return cls(hours, faults, covariance, estimate.unobservable, own_hours)
 
     def as_row(self) -> Array:
         """Return the measurement as an array, for ``of_row``."""

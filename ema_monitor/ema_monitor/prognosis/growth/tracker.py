@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array, Flags
-from ema_core.expecting import value_or_default
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import (
     COMPONENTS,
     ECCENTRICITY_PHASE,
@@ -144,8 +144,11 @@ class Tracker(Kept):
         Raises
         ------
         ValueError
-            If the service hour is before the latest test.
+            If the service hour is before the latest test, or ``measurement`` is no `Measurement`.
         """
+        require_type(
+            "measurement", measurement, Measurement, "Measurement.of(estimate, hours) returns one"
+        )
         if measurement.hours < self.hours:
             raise ValueError(
                 f"hours = {measurement.hours:g} h: expected at least the hours of the latest test, "
@@ -247,7 +250,13 @@ class Tracker(Kept):
         ----------
         duty
             Assumed future duty; a factor of 2 halves all lives.
+
+        Raises
+        ------
+        ValueError
+            If ``duty`` is not a `FutureDuty`.
         """
+        require_type("duty", duty, FutureDuty)
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, self._settings.samples, self._observed(), rng)
         fault_lives = widened_lives(lives(sample, rng), self._check.widening())

@@ -4,12 +4,13 @@
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from ema_core.arrays import Array
+from ema_core.expecting import require_type
 from ema_core.faults import COMPONENTS, KINDS, TYPICAL, kind_of, settings_by_kind
 from ema_core.growth_laws import GROWING_LAWS, hours_until
 from ema_core.quantity import Checked, quantity, text
@@ -270,7 +271,7 @@ class TrackerSettings(Checked):
     Raises
     ------
     ValueError
-        If a value is out of range, or a component is unknown.
+        If a value is out of range or has a wrong type, or a component is unknown.
     """
 
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)
@@ -296,11 +297,14 @@ class TrackerSettings(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in self.laws:
+        require_type("laws", self.laws, Mapping, "KnownLaw by name of the fault")
+        for name, law in self.laws.items():
             if name not in COMPONENTS:
                 raise ValueError(
                     f"law of unknown fault {name!r}: expected one of {', '.join(COMPONENTS)}"
                 )
+            require_type(f"law of {name}", law, KnownLaw)
+        require_type("fleet", self.fleet, (FleetPrior, NoneType))
 
     @property
     def noise_hours(self) -> float:

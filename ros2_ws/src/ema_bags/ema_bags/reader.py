@@ -15,6 +15,7 @@ from ema_bags.gaps import Gap
 from ema_bags.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
 from ema_bags.recording import MessagePlace, Recorded, Recording, Topic
 from ema_bags.schema import decoder, schema_text
+from ema_core.expecting import require_type
 from ema_core.files import require_regular_file
 from ema_core.wording import counted
 
@@ -47,6 +48,7 @@ class Bag(Recording):
     """
 
     def __init__(self, path: str | Path) -> None:
+        require_type("path", path, (str, Path))
         super().__init__(Path(path))
         self._damage: dict[str, None] = {}
         self._is_whole = True
