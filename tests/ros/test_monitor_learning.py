@@ -175,9 +175,9 @@ def test_setting_accepts_the_records_and_a_restart_continues_with_them(tmp_path:
         status = joint.status(BaselineStatus.LEARNING, 3)
         assert (status.records_needed, status.days) == (7, 1)
         last = joint.feed(range(3, 7))
-        assert "accepted by automatic: accept_after = 7" in last.reason
+        assert "accepted by accept_after = 7" in last.reason
         status = joint.status(BaselineStatus.ACCEPTED, 7)
-        assert status.author == "automatic: accept_after = 7"
+        assert status.author == "accept_after = 7"
         assert joint.feed([7]).verdict == FaultEstimate.VALID
         joint.health(Health.OK, "")
     with monitor(settings) as session:

@@ -88,7 +88,7 @@ def test_departing_record_is_refused_unless_a_person_forces_it(tmp_path: Path):
         baseline.fit()
         assert "differs from the other healthy records" in baseline.progress().reason
         with pytest.raises(ValueError, match=r"refused: the record of .* differs"):
-            baseline.accept("automatic: accept_after = 8", is_automatic=True)
+            baseline.accept("accept_after = 8", is_automatic=True)
         assert not baseline.is_accepted
         change = baseline.accept("Ada", "known payload", force=True)
         assert change.records == 8

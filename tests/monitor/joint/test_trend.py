@@ -75,6 +75,6 @@ def test_worsening_joint_is_not_accepted(tmp_path: Path):
         for number in range(20):
             baseline.add(record(number, number // 3, 1.0 + 0.1 * number))
         with pytest.raises(ValueError, match=r"friction rises by \d+ % over the records"):
-            baseline.accept("automatic: accept_after = 20", is_automatic=True)
+            baseline.accept("accept_after = 20", is_automatic=True)
         assert not baseline.is_accepted
         assert baseline.accept("Ada", "loads differ", force=True).records == 20

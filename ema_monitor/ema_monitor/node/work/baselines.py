@@ -27,7 +27,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros.node_parameters import LiveSettings
 
-_AUTOMATIC: Final = "automatic: accept_after = {}"
+_AUTOMATIC: Final = "accept_after = {}"
 
 
 class Baselines:
