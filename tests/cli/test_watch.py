@@ -163,6 +163,12 @@ def test_refused_test_is_not_reported_twice():
     healths.add_estimate("/ema", refused("a", later_ns + 10**9), 4.0)
     [row] = healths.rows(5.0, later_ns + 2 * 10**9, alive)
     assert row.why == "no motion in the newest test; last test refused: no excitation"
+    # The level of a departed test was withdrawn for a reason of its own.
+    departed = refused("a", later_ns)
+    departed.verdict = FaultEstimate.DEPARTED
+    healths.add_estimate("/ema", departed, 5.0)
+    [row] = healths.rows(5.0, later_ns + 2 * 10**9, alive)
+    assert row.why == "no motion in the newest test; last test refused: no excitation"
 
 
 @pytest.mark.parametrize(
@@ -379,7 +385,7 @@ def test_line_of_a_learning_joint_has_only_its_progress(capsys):
     HealthTable("here").show(latest.rows(1.0, TEST_NS + 10**9, alive), "")
     line = capsys.readouterr().out.partition("UTC  ")[2]
     assert line == "◌ LEARNING 4 of 12  /ema/elbow  learning: 4 records on 1 day\n"
-    # A defect of the record is shown in addition to the progress.
+    # A defect of the record is shown as well as the progress.
     refused.reason_codes, refused.reason = ["learning", "wrong_scale"], "learning: 4; wrong scale"
     refused.header.stamp.sec = 1
     latest.add_estimate("/ema", refused, 1.0)

@@ -18,6 +18,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.labels import label_of
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import beside_limit, counted, time_text
+from ema_interfaces.msg import FaultEstimate
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, shown_in
 from ema_monitor.quantities import FRICTION
@@ -178,8 +179,11 @@ class LatestHealths:
         test_ns = stamp_from_message(health.header.stamp)
         if actuator.refused is not None:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
-            # The health after the refused test states the reason as well.
-            is_stated = received.health.measured == actuator.refused.header.stamp
+            # The health after a refused test is unknown, after a departed test a warning. Both then
+            # state the same reason; any other health has a reason of its own.
+            is_departed = actuator.refused.verdict == FaultEstimate.DEPARTED
+            is_of_test = received.health.measured == actuator.refused.header.stamp
+            is_stated = is_of_test and is_departed != (received.health.level == STALE)
             if not is_stated and list(actuator.refused.reason_codes) != [Learning.code]:
                 reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:
