@@ -117,6 +117,7 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
     public, settings = ema_monitor, ema_monitor.SearchSettings()
     monitor, trigger = ema_monitor.Monitor(), ema_monitor.TriggerSettings()
     flap, sine = ema_sim.ActuatorDescription(), ema_sim.Command("sine")
+    calibration, combining = public.Calibration.builtin(), public.CombinationSettings()
     limits = ema_monitor.MotionLimits.within(flap.parameters, travel=0.03)
     calls: list[tuple[str, Callable[[Any], Any], tuple[Any, ...]]] = [
         ("description is of type", lambda x: public.find_windows(telemetry, x), (3, settings)),
@@ -145,9 +146,17 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
         ("description is of type", public.Monitor, (3, settings)),
         ("settings is of type", lambda x: public.Monitor(settings=x), (3, settings)),
         ("history is of type", public.Unit, (3, estimate)),
+        ("description is of type", lambda x: public.Combination(x, calibration), (3, calibration)),
+        ("calibration is of type", lambda x: public.Combination(flap, x), (3, flap)),
+        ("search is of type", lambda x: public.Combination(flap, calibration, x), (combining,)),
+        (
+            "settings is of type",
+            lambda x: public.Combination(flap, calibration, settings=x),
+            (settings,),
+        ),
         ("history_folder is of type", lambda x: public.Monitor(history_folder=x), (3, b"x")),
         ("path is of type", lambda x: public.History("flap", "1", x), (3,)),
-        ("path is of type", public.Calibration.builtin().save, (3, None)),
+        ("path is of type", calibration.save, (3, None)),
         ("path is of type", public.load_calibration, (3, None)),
         ("path is of type", read_windows, (3, None)),
         ("settings is of type", lambda x: read_windows(SAMPLE, x), (3,)),

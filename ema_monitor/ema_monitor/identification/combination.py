@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
+from ema_core.expecting import require_type, value_or_default
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.defects import drive_defect
@@ -69,7 +70,8 @@ class Combination(Combining):
     Raises
     ------
     ValueError
-        If the search does not use the default fitness, which is the only one that models the noise.
+        If an argument has a wrong type, or the search does not use the default fitness, which is
+        the only one that models the noise.
     """
 
     def __init__(
@@ -82,13 +84,17 @@ class Combination(Combining):
         previous: ArrayLike | None = None,
         force: bool = False,
     ) -> None:
-        super().__init__(settings or CombinationSettings())
+        require_type("description", description, ActuatorDescription)
+        require_type("calibration", calibration, (Calibration, Reason))
+        super().__init__(
+            value_or_default("settings", settings, CombinationSettings, CombinationSettings)
+        )
         self._description = description
         self._calibration_id = "" if isinstance(calibration, Reason) else calibration.calibration_id
         self._calibration = (
             calibration if isinstance(calibration, Reason) else calibration.of_any_motion()
         )
-        self._search = search or SearchSettings()
+        self._search = value_or_default("search", search, SearchSettings, SearchSettings)
         if self._search.fitness != DEFAULT_FITNESS:
             raise ValueError(
                 f"fitness = {self._search.fitness!r}: stretches of motion are combined with "
