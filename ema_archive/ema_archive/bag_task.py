@@ -32,12 +32,12 @@ unreadable."""
 class BagTask:
     """Task of a worker: estimates of a bag.
 
-    ``url``, ``mark`` and ``beside`` are as in `ema_archive.sources.Listed`.
+    ``url``, ``mark`` and ``calibration_url`` are as in `ema_archive.sources.Listed`.
     """
 
     url: str
     mark: str
-    beside: str
+    calibration_url: str
     settings: ArchiveSettings
 
 
@@ -162,7 +162,7 @@ def _rows_of_unit(
     sha256: str,
 ) -> tuple[UnitRows, list[str]]:
     """Return the rows of a unit in a bag, and messages about invalid counts."""
-    calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)
+    calibration = calibration_of(task.settings.calibration or task.calibration_url, unit.unit_key)
     shared = {
         "actuator_id": unit.actuator_id,
         "serial_number": unit.serial_number,

@@ -7,11 +7,11 @@ CREATE TABLE manifest.archive (
     scan BIGINT NOT NULL
 );
 
--- mark: change mark at the last scan. seen: change mark of the content that was read. beside: address
--- of the calibration in the same folder. end_ns: log time of the last message.
+-- mark: change mark at the last scan. seen: change mark of the content that was read.
+-- calibration_url: address of the calibration in the same folder. end_ns: log time of the last message.
 CREATE TABLE manifest.bag (
-    bag VARCHAR NOT NULL, bytes BIGINT NOT NULL, mark VARCHAR NOT NULL, beside VARCHAR NOT NULL,
-    scan BIGINT NOT NULL, is_there BOOLEAN NOT NULL, state VARCHAR NOT NULL DEFAULT 'new',
+    bag VARCHAR NOT NULL, bytes BIGINT NOT NULL, mark VARCHAR NOT NULL,
+    calibration_url VARCHAR NOT NULL, scan BIGINT NOT NULL, is_there BOOLEAN NOT NULL, state VARCHAR NOT NULL DEFAULT 'new',
     seen VARCHAR NOT NULL DEFAULT '', bag_sha256 VARCHAR NOT NULL DEFAULT '',
     software VARCHAR NOT NULL DEFAULT '', settings VARCHAR NOT NULL DEFAULT '',
     reason VARCHAR NOT NULL DEFAULT '', remarks VARCHAR NOT NULL DEFAULT '',

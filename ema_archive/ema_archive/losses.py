@@ -16,7 +16,7 @@ WITH suspect AS (
     SELECT * FROM manifest.suspect
     UNION
     SELECT bag, unit FROM manifest.unread ANTI JOIN manifest.part USING (bag)
-    JOIN _beside USING (beside) SEMI JOIN manifest.unit USING (unit)
+    JOIN _calibrations USING (calibration_url) SEMI JOIN manifest.unit USING (unit)
 ),
 whole AS (
     SELECT unit, max(end_ns) AS last_ns FROM manifest.part JOIN manifest.bag USING (bag)
@@ -59,27 +59,30 @@ def unread_of_no_unit(store: Store) -> list[str]:
 
 def _rows(store: Store, query: str) -> list[Any]:
     with store.reading() as db:
-        db.register("_beside", _units_beside(db))
+        db.register("_calibrations", _units_of_calibrations(db))
         rows = db.execute(_SUSPECTS + query).fetchall()
-        db.unregister("_beside")
+        db.unregister("_calibrations")
     return rows
 
 
-def _units_beside(db: duckdb.DuckDBPyConnection) -> pa.Table:
+def _units_of_calibrations(db: duckdb.DuckDBPyConnection) -> pa.Table:
     """Return the units whose calibration is in the folder of a bag that was never read."""
     query = (
-        "SELECT DISTINCT beside FROM manifest.unread ANTI JOIN manifest.part USING (bag) "
-        "WHERE beside <> ''"
+        "SELECT DISTINCT calibration_url FROM manifest.unread ANTI JOIN manifest.part USING (bag) "
+        "WHERE calibration_url <> ''"
     )
-    calibrations = (
-        (beside, calibration_of(beside, ("", ""))) for (beside,) in db.execute(query).fetchall()
-    )
+    urls = [url for (url,) in db.execute(query).fetchall()]
+    calibrations = [(url, calibration_of(url, ("", ""))) for url in urls]
     rows = [
-        {"beside": beside, "unit": unit_name(calibration.actuator_id, calibration.serial_number)}
-        for beside, calibration in calibrations
+        {
+            "calibration_url": url,
+            "unit": unit_name(calibration.actuator_id, calibration.serial_number),
+        }
+        for url, calibration in calibrations
         if not isinstance(calibration, Reason)
     ]
-    return pa.Table.from_pylist(rows, pa.schema([("beside", pa.string()), ("unit", pa.string())]))
+    columns = pa.schema([("calibration_url", pa.string()), ("unit", pa.string())])
+    return pa.Table.from_pylist(rows, columns)
 
 
 def _named(url: str, state: str, reason: str) -> str:

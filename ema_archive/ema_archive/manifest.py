@@ -24,11 +24,12 @@ Criteria = tuple[dict[str, str], pa.Table]
 _DUE: Final = """
 WITH recalibrated AS (
     SELECT DISTINCT bag FROM manifest.part JOIN manifest.bag USING (bag) JOIN _current
-    ON _current.unit = part.unit AND source = CASE WHEN $pattern <> '' THEN $pattern ELSE beside END
+    ON _current.unit = part.unit
+    AND source = CASE WHEN $pattern <> '' THEN $pattern ELSE calibration_url END
     WHERE part.calibration_id <> _current.calibration_id
 ),
 reasons AS (
-    SELECT bag, mark, beside, CASE
+    SELECT bag, mark, calibration_url, CASE
         WHEN state = 'new' THEN 'new'
         WHEN state = 'failed' THEN 'could not be read'
         WHEN state = 'lost' THEN 'rows lost'
@@ -180,8 +181,8 @@ class Manifest(Store):
         """
         pattern = settings.calibration
         sources = self._rows(
-            "SELECT DISTINCT CASE WHEN $1 <> '' THEN $1 ELSE beside END, unit.unit, actuator_id, "
-            "serial_number FROM manifest.part JOIN manifest.bag USING (bag) "
+            "SELECT DISTINCT CASE WHEN $1 <> '' THEN $1 ELSE calibration_url END, unit.unit, "
+            "actuator_id, serial_number FROM manifest.part JOIN manifest.bag USING (bag) "
             "JOIN manifest.unit USING (unit)",
             [pattern],
         )
@@ -217,7 +218,7 @@ class Manifest(Store):
         """
         criteria, last = self.criteria(settings), ""
         rest = f"AND bag > $last ORDER BY bag LIMIT {_PAGE}"
-        while page := self._due("bag, mark, beside", rest, criteria, last=last):
+        while page := self._due("bag, mark, calibration_url", rest, criteria, last=last):
             yield from page
             last = page[-1][0]
 
@@ -225,12 +226,12 @@ class Manifest(Store):
         """Yield task, content digest and software of each processed bag."""
         settings, last = self.settings, ""
         query = (
-            "SELECT bag, mark, beside, bag_sha256, software FROM manifest.bag "
+            "SELECT bag, mark, calibration_url, bag_sha256, software FROM manifest.bag "
             f"WHERE state IN (?, ?) AND bag > ? ORDER BY bag LIMIT {_PAGE}"
         )
         while page := self._rows(query, [DONE, INCOMPLETE, last]):
-            for url, mark, beside, sha256, software in page:
-                yield BagTask(url, mark, beside, settings), sha256, software
+            for url, mark, calibration, sha256, software in page:
+                yield BagTask(url, mark, calibration, settings), sha256, software
             last = page[-1][0]
 
     def estimates_of(self, url: str) -> list[dict[str, Any]]:
@@ -254,12 +255,12 @@ class Manifest(Store):
             "WITH latest AS (SELECT unit, model, bag FROM manifest.part QUALIFY row_number() OVER "
             "(PARTITION BY unit ORDER BY last_ns DESC, bag DESC, model) = 1) "
             "SELECT unit.unit, actuator_id, serial_number, coalesce(latest.model, unit.model), "
-            "coalesce(beside, ''), is_due, made_by, lost FROM manifest.unit "
+            "coalesce(calibration_url, ''), is_due, made_by, lost FROM manifest.unit "
             "LEFT JOIN latest USING (unit) LEFT JOIN manifest.bag USING (bag) ORDER BY unit.unit"
         )
         entries = []
-        for unit, actuator_id, serial_number, model, beside, is_due, maker, before in rows:
-            source = settings.calibration or beside
+        for unit, actuator_id, serial_number, model, url, is_due, maker, before in rows:
+            source = settings.calibration or url
             calibration = calibration_of(source, (actuator_id, serial_number))
             lost, made = losses.get(unit, ""), made_by(settings, identity_of(calibration))
             if is_due or (maker, before) != (made, lost):
@@ -301,7 +302,12 @@ class Manifest(Store):
 
 def _note_bags(db: duckdb.DuckDBPyConnection, bags: Iterable[Listed], scan: int) -> None:
     rows = [
-        {"bag": bag.url, "bytes": bag.size, "mark": bag.mark, "beside": bag.beside}
+        {
+            "bag": bag.url,
+            "bytes": bag.size,
+            "mark": bag.mark,
+            "calibration_url": bag.calibration_url,
+        }
         | {"scan": scan, "is_there": True}
         for bag in bags
     ]

@@ -39,7 +39,7 @@ class Listed:
     mark: str
     """Token that changes with the content: size, and either the store's checksum or modification
     time."""
-    beside: str
+    calibration_url: str
     """Address of the calibration in the same folder; empty if there is none."""
 
 
@@ -84,8 +84,8 @@ def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> li
         if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
             del folders[name]
             bags.append((info, sorted(inside, key=lambda item: item["name"])))
-    beside = entries.get(CALIBRATION_FILE)
-    calibration = _url(files, beside["name"]) if beside else ""
+    entry = entries.get(CALIBRATION_FILE)
+    calibration = _url(files, entry["name"]) if entry else ""
     sizes = [sum(int(item["size"] or 0) for item in parts) for _, parts in bags]
     return [
         Listed(_url(files, info["name"]), size, _mark(parts), calibration)

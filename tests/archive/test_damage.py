@@ -89,7 +89,7 @@ def test_only_unreadable_rows_are_recomputed(tmp_path: Path):
             db.register("_rows", pa.table({"bag": bags}))
             db.execute(
                 "INSERT INTO manifest.bag BY NAME SELECT bag, 0 AS bytes, '' AS mark, "
-                "'' AS beside, 1 AS scan, true AS is_there, 'done' AS state FROM _rows"
+                "'' AS calibration_url, 1 AS scan, true AS is_there, 'done' AS state FROM _rows"
             )
             db.execute("INSERT INTO manifest.part SELECT bag, 'u', 'm', '', 0, 1, 0, 0 FROM _rows")
             db.execute("INSERT INTO estimates BY NAME SELECT bag, random() AS friction FROM _rows")
