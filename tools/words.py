@@ -68,14 +68,18 @@ UNTREATED: Final[tuple[str, ...]] = ()
 """Paths whose docstrings, comments and names are not checked yet."""
 
 PATTERNS: Final = (
-    *("*.md", "Makefile", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py"),
-    # The tests of this file contain the words.
-    *("benchmarks/*.py", "tests/*.py", ":!tests/harness/test_words.py"),
+    *("*.md", "*.sql", "*.toml", "*.yaml", "Makefile", "ema_interfaces/*/*", "ema_*/*.py"),
+    *("ros2_ws/src/*.py", "ros2_ws/src/ema_dashboard/web/src/*.ts*"),
+    *("benchmarks/*.py", "tests/*.py", "tools/*.py"),
+    # This file and its tests contain the words.
+    *(":!tools/words.py", ":!tests/harness/test_words.py"),
 )
 COMMAND: Final = re.compile(r"\.(command|group)\b")
 FENCE: Final = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 CODE: Final = re.compile(r"``[^`]*``|`[^`\n]*`")
+# Titles may be questions: "What is installed".
 TITLE: Final = re.compile(r"^#.*|\*\*[^*\n]+\*\*", re.MULTILINE)
+HEADING: Final = re.compile(r"<h\d>.*</h\d>")
 
 
 class Finding(NamedTuple):
@@ -98,9 +102,8 @@ def findings(name: str, content: str) -> list[Finding]:
     """
     if not name.endswith(".py"):
         if not name.endswith(".md"):
-            return sorted(_matches(1, content, IN_TEXTS | IN_PROSE))
+            return sorted(_matches(1, HEADING.sub("", content), IN_TEXTS | IN_PROSE))
         text = _without_code(content)
-        # Titles may be questions: "What is installed".
         prose = TITLE.sub("", text)
         return sorted([*_matches(1, text, IN_TEXTS), *_matches(1, prose, IN_PROSE | IN_DOCUMENTS)])
     tree = ast.parse(content)

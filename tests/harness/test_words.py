@@ -28,6 +28,7 @@ def words():
         ("README.md", "```\ntell\n```\n`told` and that of a friend", [(4, "that of")]),
         ("README.md", "A file beside\nanother make.", [(1, "beside"), (2, "another make")]),
         ("README.md", "## What is new\n- **What is wrong**: what is", [(2, "what is")]),
+        ("web/src/a.tsx", "<h2>What is wrong</h2>\n// what is", [(2, "what is")]),
         ("Makefile", "lock: ## compile all locks anew", [(1, "anew")]),
         ("ema_interfaces/msg/A.msg", "# what is heard", [(1, "heard"), (1, "what is")]),
         ("ema_core/ema_core/a.py", 'text = "told"', [(1, "told")]),

@@ -34,7 +34,7 @@ const frictions = new Map<string, FrictionRecord>();
 const joints = new Set<string>();
 const changedTrends = new Set<string>();
 
-const tell = (message: FromWorker, transfer: Transferable[] = []) =>
+const post = (message: FromWorker, transfer: Transferable[] = []) =>
   (self as unknown as Worker).postMessage(message, transfer);
 
 function split(topic: string): [string, string] {
@@ -109,8 +109,8 @@ const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).hr
       received.push({ namespace, topic: name, message });
     }
   },
-  channels: (topics) => tell({ kind: "channels", topics }),
-  connection: (connection) => tell({ kind: "connection", connection }),
+  channels: (topics) => post({ kind: "channels", topics }),
+  connection: (connection) => post({ kind: "connection", connection }),
   session() {
     received = [];
     records.clear();
@@ -118,7 +118,7 @@ const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).hr
     joints.clear();
     changedTrends.clear();
     telemetry = new Telemetry();
-    tell({ kind: "session" });
+    post({ kind: "session" });
   },
 });
 
@@ -150,20 +150,20 @@ function flush(): void {
     received.push(clock);
     clock = undefined;
   }
-  if (received.length) tell({ kind: "messages", received });
+  if (received.length) post({ kind: "messages", received });
   received = [];
   const changed = trends();
-  if (changed.size) tell({ kind: "trends", trends: changed });
+  if (changed.size) post({ kind: "trends", trends: changed });
   if (!watched) return;
   const key = keyOf(watched);
   if (hasNewHistory && records.has(key)) {
-    tell({ kind: "history", key, columns: records.get(key)!.columns() });
+    post({ kind: "history", key, columns: records.get(key)!.columns() });
     hasNewHistory = false;
   }
   if (hasNewTelemetry && !telemetry.isEmpty) {
     const signals = telemetry.signals();
     const buffers = [signals.time, ...Object.values(signals.values)].map((values) => values.buffer);
-    tell({ kind: "live", key, signals }, buffers as ArrayBuffer[]);
+    post({ kind: "live", key, signals }, buffers as ArrayBuffer[]);
     hasNewTelemetry = false;
   }
 }
