@@ -45,8 +45,9 @@ messages, in JSON (`ema estimate --json`), in the history of a unit and in the t
 an archive.
 
 In JSON, stamps are integers in nanoseconds (`_ns`), flags and verdicts are names, a fault vector is
-an object by name, and NaN is null. In the table, each fault is a column, and each standard
-deviation a column `FAULT_sigma`.
+an object by name, and NaN is null. `ema estimate --json` adds `sigma`, the standard deviation of
+each fault, and `start` and `end`, the times of the window from the start of the bag [s]. In the
+table, each fault is a column, and each standard deviation a column `FAULT_sigma`.
 
 Health in JSON (`ema predict --json`) has the names of the messages `Health`, `FaultHealth`,
 `RemainingUsefulLife`, `ScenarioLife` and `UnitEvent` ([messages](api/messages.md)). The tables
