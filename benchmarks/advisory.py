@@ -226,7 +226,7 @@ def tables(figures: Figures) -> Iterator[Table]:
     """Yield the tables to print below the targets."""
     headings = ("failure", "lead [h]", "advice", "(failed)", "oracle", "(failed)", "its policy")
     yield grid(
-        f"cost per 1,000 flight hours over {figures['lives']} lives, in removals",
+        f"cost per 1,000 service hours over {figures['lives']} lives, in removals",
         (*headings, "fixed", "(age) [h]", "to failure", "known end"),
         (
             (

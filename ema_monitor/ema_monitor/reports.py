@@ -70,7 +70,7 @@ class EventReport:
 
 @dataclass(frozen=True)
 class LifeReport:
-    """Fields of ``ema_interfaces/msg/RemainingUsefulLife``, in flight hours and test cycles."""
+    """Fields of ``ema_interfaces/msg/RemainingUsefulLife``, in service hours and test cycles."""
 
     known: bool
     hours_05: float

@@ -238,7 +238,7 @@ def test_table_reports_each_fault_and_requirement_and_both_ends_of_life(ema, lif
     assert result.exit_code == 0
     for words in (
         "friction", "backlash", "bandwidth", "torque margin", "by faults", "by requirements",
-        "the earlier", "health index", "duty 2", "flight hours 100", "10 valid of 10 tests",
+        "the earlier", "health index", "duty 2", "service hours 100", "10 valid of 10 tests",
     ):  # fmt: skip
         assert words in result.stdout
 
@@ -341,7 +341,7 @@ def test_usage_recorded_after_the_test_is_not_reported_as_missing(ema, tmp_path)
         writer.write("/ema/usage", usage_at_cycle(description, late, 40.0, 7), late)
     result = ema("predict", path)
     assert (result.exit_code, result.stderr) == (0, "")
-    assert "flight hours unknown" in result.stdout
+    assert "service hours unknown" in result.stdout
     assert "received on topic usage before the test" in result.stdout
 
 

@@ -41,7 +41,7 @@ TEST_NS = 1_700_000_000_000_000_000
 
 
 def health_of(actuator_id: str, level: int, life: tuple[float, float, float] | None) -> Health:
-    """Return health at 100 flight hours; ``life`` has the quantiles of the remaining life [h]."""
+    """Return health at 100 service hours; ``life`` has the quantiles of the remaining life [h]."""
     low, median, high = life or (math.nan,) * 3
     rul = RemainingUsefulLife(known=life is not None, hours_05=low, hours_50=median, hours_95=high)
     friction = FaultHealth(

@@ -206,7 +206,7 @@ def test_summary_is_a_line_of_the_health():
     summary = summary_of(health)
     assert isinstance(summary, HealthSummary)
     assert (summary.level, summary.rul_50) == (WARN, 120.0)
-    assert summary.text == "WARN: short circuit A; remaining life 120 flight hours"
+    assert summary.text == "WARN: short circuit A; remaining life 120 service hours"
     health.rul.known, health.level, health.dominant_fault = False, OK, ""
     assert math.isnan(summary_of(health).rul_50)
     assert summary_of(health).text == "OK"

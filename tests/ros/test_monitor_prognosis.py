@@ -69,7 +69,7 @@ def test_status_contains_life_and_history(session: MonitorSession, folder: Path)
     assert values["remaining life 50 % [h]"] == pytest.approx(
         session.healths()[-1].rul.hours_50, rel=1e-4
     )
-    assert values["flight hours [h]"] == HOURS * TESTS
+    assert values["service hours [h]"] == HOURS * TESTS
 
 
 def test_service_reports_life_at_another_duty_and_changes_nothing(

@@ -158,7 +158,7 @@ def test_health_and_start_of_the_search_are_restored_after_a_restart(
 
         def hours() -> str:
             life = session.until_status("flap health", "", bytes([restored.level]))
-            return {item.key: item.value for item in life.values}["flight hours [h]"]
+            return {item.key: item.value for item in life.values}["service hours [h]"]
 
         wait_for(lambda: hours() == "20", "the hours of the history in the status")
         [health] = live(session, recent[2:])

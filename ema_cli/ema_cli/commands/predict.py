@@ -81,7 +81,7 @@ def predict(
         hours = f"{report.flight_hours:.6g}" if report.flight_hours >= 0.0 else "unknown"
         click.echo(
             f"{report.actuator_id} ({report.serial_number}): {len(course.outlooks)} valid of "
-            f"{tests}, flight hours {hours}, cycles {report.cycles}"
+            f"{tests}, service hours {hours}, cycles {report.cycles}"
         )
         click.echo(report.removal)
         if words := advice_text(course):

@@ -278,7 +278,7 @@ def _lasting(last: Outlook) -> str:
         return f"The remaining life is unknown: {life.reason or 'no growth is certain'}."
     before = last.flight_hours + last.removal.hours
     return (
-        f"Remaining useful life {life_text(life)} flight hours (5 / 50 / 95 %), until "
+        f"Remaining useful life {life_text(life)} service hours (5 / 50 / 95 %), until "
         f"{life.criterion}; remove before {before:,.0f} service hours."
     )
 

@@ -35,7 +35,7 @@ class Costs(Checked):
     failure: float = quantity(
         0.0, "-", 0.0, 1e12, "cost of a failure with its removal, in costs.unit"
     )
-    lead_time: float = quantity(0.0, "h", 0.0, 1e6, "flight hours from a decision to a removal")
+    lead_time: float = quantity(0.0, "h", 0.0, 1e6, "service hours from a decision to a removal")
     unit: str = text("", "unit of the costs")
 
     @property
@@ -65,7 +65,7 @@ class Choice(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Cost per flight hour over the life."""
+        """Cost per service hour over the life."""
         return self.cost / self.hours if self.hours > 0.0 else np.inf
 
 
@@ -174,9 +174,9 @@ class Advice:
     probability_of_failure: float = math.nan
     """Probability of a failure before that hour [-]; NaN if unknown."""
     expected_cost: float = math.nan
-    """Expected cost per flight hour over the life with this advice; NaN when unknown."""
+    """Expected cost per service hour over the life with this advice; NaN when unknown."""
     cost_of_immediate_removal: float = math.nan
-    """Expected cost per flight hour with the earliest possible removal; NaN when unknown."""
+    """Expected cost per service hour with the earliest possible removal; NaN when unknown."""
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
@@ -196,7 +196,7 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
         )
     test = outlook.hours_per_cycle
     if not test > 0.0:
-        return Advice("unknown", "the flight hours from test to test are unknown")
+        return Advice("unknown", "the service hours from test to test are unknown")
     lives = np.minimum(outlook.lifetimes, outlook.horizon_hours)
     decision = Decision(costs, now, test, lives, outlook.missing_share, outlook.tests_tell)
     removal, waiting = decision.remove(), decision.wait()

@@ -309,7 +309,7 @@ def removal_of(
     risk
         Accepted probability of a failure before the removal [-].
     hours_per_cycle, hours_a_day
-        Flight hours per test cycle [h] and per day [h/d]; NaN if unknown.
+        Service hours per test cycle [h] and per day [h/d]; NaN if unknown.
     """
     if not life.known or not lifetimes.size:
         return Removal(risk, hours_a_day=hours_a_day)

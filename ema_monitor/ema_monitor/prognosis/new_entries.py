@@ -29,7 +29,7 @@ def next_entry(
     service
         Service hours of the tests so far.
     hours_per_cycle
-        Flight hours per test cycle [h]; 0 if service hours are counted.
+        Service hours per test cycle [h]; 0 if service hours are counted.
     new_cycles
         Test cycles after the latest valid test, including this test.
     count
@@ -71,7 +71,7 @@ def late_entry(
     entries
         Valid tests in order of their stamps; the last test is later than this test.
     hours_per_cycle
-        Flight hours per test cycle [h]; 0 if service hours are counted.
+        Service hours per test cycle [h]; 0 if service hours are counted.
     count
         Latest count of service hours read before the test, or None.
     flown

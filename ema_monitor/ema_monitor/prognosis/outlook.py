@@ -77,7 +77,7 @@ class Removal(NamedTuple):
     risk: float = 0.05
     """Accepted probability of a failure before the removal [-]."""
     hours: float = math.nan
-    """Flight hours from the latest test to the removal [h]; NaN when the remaining life is
+    """Service hours from the latest test to the removal [h]; NaN when the remaining life is
     unknown."""
     cycles: float = math.nan
     """Test cycles to the removal; NaN when ``hours`` or the hours per cycle are unknown."""
@@ -99,11 +99,11 @@ class Outlook(Displayed):
     cycles: int = 0
     """Number of test cycles up to the latest valid test."""
     hours_per_cycle: float = math.nan
-    """Flight hours per test cycle [h]; NaN if unknown."""
+    """Service hours per test cycle [h]; NaN if unknown."""
     health: Health
     """Levels, health index and severity."""
     trends: Mapping[str, float] = field(default_factory=dict)
-    """Growth rate of each fault and requirement, in its unit per flight hour, if known."""
+    """Growth rate of each fault and requirement, in its unit per service hour, if known."""
     lives: Mapping[str, RemainingLife] = field(default_factory=dict)
     """Remaining life until each fault or requirement reaches its limit, by name; for missing names,
     ``rul`` has the reason."""

@@ -45,10 +45,10 @@ class Service(Checked):
     """Assumptions about the usage of a unit."""
 
     duty: float = quantity(
-        1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"
+        1.0, "-", 1e-3, 1e3, "growth of the faults in a future service hour, relative to a past one"
     )
     hours_per_cycle: float = quantity(
-        0.0, "h", 0.0, 1e6, "flight hours per test cycle; 0: from topic usage"
+        0.0, "h", 0.0, 1e6, "service hours per test cycle; 0: from topic usage"
     )
     removal_risk: float = quantity(
         0.05, "-", 1e-3, 0.5, "accepted probability of a failure before the removal"
@@ -163,7 +163,7 @@ class ServiceHours:
 
     @property
     def mean_hours_per_cycle(self) -> float:
-        """Mean flight hours per test cycle [h]; 0 if unknown."""
+        """Mean service hours per test cycle [h]; 0 if unknown."""
         cycles = self.used[-1].cycles - self.used[0].cycles if self.used else 0
         return max((self.used[-1].hours - self.used[0].hours) / cycles, 0.0) if cycles > 0 else 0.0
 
@@ -197,7 +197,7 @@ class ServiceHours:
         cycles
             Number of test cycles up to the test.
         hours_per_cycle
-            Flight hours per test cycle [h].
+            Service hours per test cycle [h].
         """
         if not self.used:
             # A unit without known service hours counts as new.

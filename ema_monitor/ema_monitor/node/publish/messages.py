@@ -303,7 +303,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
         text += f": {label_of(health.dominant_fault)}"
     parts = [text]
     if math.isfinite(life):
-        parts.append(f"remaining life {life:.4g} flight hours")
+        parts.append(f"remaining life {life:.4g} service hours")
     if health.reason:
         parts.append(health.reason)
     return _filled_message(HealthSummary, health, rul_50=life, text="; ".join(parts))

@@ -55,7 +55,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     values = {
         "health index": health.health_index,
         "confidence": health.confidence,
-        "flight hours [h]": unit.health.outlook.flight_hours,
+        "service hours [h]": unit.health.outlook.flight_hours,
         "remaining life 5 % [h]": life.hours_05,
         "remaining life 50 % [h]": life.hours_50,
         "remaining life 95 % [h]": life.hours_95,

@@ -71,7 +71,7 @@ class FutureDuty:
         if self.factor == 1.0:
             return text
         duty = f"by {text}" if is_flown else "in the past"
-        return f"faults grow {self.factor:g} times as fast in each future flight hour as {duty}"
+        return f"faults grow {self.factor:g} times as fast in each future service hour as {duty}"
 
     @property
     def _as_flown(self) -> str:

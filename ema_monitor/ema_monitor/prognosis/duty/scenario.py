@@ -38,18 +38,18 @@ class Scenario(Checked):
         1.0, "-", 1e-3, 1e3, "factor of growth in addition to the effect of other values"
     )
     travel_per_hour: float = quantity(
-        0.0, "rad/h", 0.0, 1e7, "travel of the user shaft per flight hour; 0: as in the past"
+        0.0, "rad/h", 0.0, 1e7, "travel of the user shaft per service hour; 0: as in the past"
     )
     loads: Mapping[float, float] = field(default_factory=dict)
     """Share of the travel by load, the ratio of the current magnitude to its limit; empty: as in
     the past."""
     winding: Mapping[float, float] = field(default_factory=dict)
-    """Share of the flight hours by winding temperature [degC]; empty: as in the past."""
+    """Share of the service hours by winding temperature [degC]; empty: as in the past."""
     hours_per_cycle: float = quantity(
-        0.0, "h", 0.0, 1e6, "flight hours per test cycle; 0: as in the past"
+        0.0, "h", 0.0, 1e6, "service hours per test cycle; 0: as in the past"
     )
     hours_per_day: float = quantity(
-        0.0, "h/d", 0.0, 24.0, "flight hours per calendar day; 0: as in the past"
+        0.0, "h/d", 0.0, 24.0, "service hours per calendar day; 0: as in the past"
     )
 
     def __post_init__(self) -> None:

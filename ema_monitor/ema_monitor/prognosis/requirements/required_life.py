@@ -57,7 +57,7 @@ class RequiredLife:
     healths: tuple[FaultHealth, ...]
     """Health with respect to each requirement; empty if no requirement can be monitored."""
     trends: Mapping[str, float]
-    """Rate of change of each performance by name [its unit per flight hour]."""
+    """Rate of change of each performance by name [its unit per service hour]."""
     lives: Mapping[str, RemainingLife]
     """Remaining life under each requirement, by name."""
     overall: RemainingLife

@@ -40,7 +40,7 @@ export function WhatToDo({ advice, health, isDeparted }: {
   }
   const when = Number.isFinite(advice.flight_hours)
     ? `${action === "continue" ? "at" : "by"} ${hours(advice.flight_hours)} service hours` : "";
-  const unit = `${advice.cost_unit} per flight hour`.trim();
+  const unit = `${advice.cost_unit} per service hour`.trim();
   const saved = 1 - advice.expected_cost / advice.cost_of_immediate_removal;
   return (
     <div class="todo">
