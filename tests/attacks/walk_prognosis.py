@@ -4,7 +4,7 @@
 import math
 import shutil
 import tempfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from ema_core.levels import OK
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.outlook import Claim, Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
 
@@ -185,5 +185,5 @@ def _claim(outlook: Outlook | None) -> object:
 
 
 def _text(outlook: Outlook | None) -> str:
-    """Return an outlook without its events as a text, with all digits."""
-    return repr(outlook and replace(outlook, events=()))
+    """Return an outlook without events and claim as a text, with all digits."""
+    return repr(outlook and asdict(replace(outlook, events=(), claim=Claim())))

@@ -249,7 +249,6 @@ def test_results_are_a_line_in_a_prompt_and_a_text_in_a_notebook(window, estimat
         "Diagnosed: window 0, valid, friction 0.2": diagnosed,
         "Health: level WARN, health index 0.50, friction>": outlook.health,
         "Prognosis: remaining life unknown after 1.5 h>": prognosis,
-        "RemainingLife: unknown>": prognosis.overall,
     }
     for text, result in words.items():
         assert repr(result).startswith(f"<{text}")

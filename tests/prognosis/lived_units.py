@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,7 +60,7 @@ def lived(
 
 def plain(outlook: Outlook) -> str:
     """Return the content of an outlook without the events, with all digits."""
-    return repr(replace(outlook, events=()))
+    return repr(asdict(replace(outlook, events=())))
 
 
 class Cycle(NamedTuple):

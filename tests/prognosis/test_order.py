@@ -17,6 +17,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.reason_texts import text_of
 from ema_monitor.unit import Unit
 
+from .lived_units import plain
 from .made_tests import FIRST_NS, PERIOD_NS, UNIT, made_test
 
 S = 10**9
@@ -157,7 +158,9 @@ def test_tests_after_simulated_time_went_back_repeat_the_first_pass():
     unit.rewind(tests[1].end_ns)
     assert len(unit.history.entries) == 2
     again = [unit.update(test, None, LIVE, received_ns=test.end_ns) for test in tests[2:]]
-    assert repr(again) == repr(first[2:])
+    assert [plain(outlook) for outlook in again if outlook] == [
+        plain(outlook) for outlook in first[2:] if outlook
+    ]
 
 
 def test_stamps_that_go_back_within_a_bag_are_detected():

@@ -60,8 +60,8 @@ class TrackedFault:
     """Calibration of the component's past predictions."""
 
 
-@dataclass(frozen=True, repr=False)
-class RemainingLife(Displayed):
+@dataclass(frozen=True)
+class RemainingLife:
     """Quantiles of the remaining useful life for one end-of-life criterion."""
 
     known: bool
