@@ -54,7 +54,7 @@ class RobotNode(SimulationNode):
         self._command = JointState(name=JOINT_NAMES)
         self._clock_ns = 0
         self._payload = math.nan
-        self.run_bench(self._bench, settings.speedup, _OFFERS)
+        self.run_bench(self._bench, settings.rate, _OFFERS)
 
     def activate(self) -> None:
         """Publish the robot description, and start the thread that runs cycles."""

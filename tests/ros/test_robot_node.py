@@ -120,7 +120,7 @@ def test_description_has_the_joints_with_their_limits():
 
 
 def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
-    fast = {"speedup": 40.0, "rate": 20, "cycle_pause": 0.0}
+    fast = {"rate": 40.0, "sample_rate": 20, "cycle_pause": 0.0}
     with running(**fast, healthy_cycles=1, wear__elbow=0.2) as listener:
         listener.until(lambda: len(listener.frictions()) >= 3)
         changes = [Parameter("wear.elbow", value=0.0), Parameter("wear.base", value=1.0)]
@@ -146,7 +146,7 @@ def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
 
 
 def test_payload_is_published_as_it_changes():
-    with running(speedup=20.0, rate=20, payload=1.5) as listener:
+    with running(rate=20.0, sample_rate=20, payload=1.5) as listener:
         listener.until(lambda: len(listener.frictions()) >= 2)
         masses = [message.data for message in listener.received(topics.PAYLOAD)]
     # There are two parts per cycle; the gripper closes within two samples.
@@ -163,7 +163,10 @@ def test_two_arms_in_one_graph_keep_to_their_namespaces(graph: Spinning):
         node = RobotNode(
             context=graph.context,
             namespace=f"/{side}",
-            parameter_overrides=[Parameter("seed", value=seed), Parameter("rate", value=100)],
+            parameter_overrides=[
+                Parameter("seed", value=seed),
+                Parameter("sample_rate", value=100),
+            ],
         )
         assert graph.add(node).bring_up()
     wait_for(lambda: all(len(items) >= 100 for items in received.values()), "both arms")
@@ -175,13 +178,13 @@ def test_two_arms_in_one_graph_keep_to_their_namespaces(graph: Spinning):
 
 
 def test_rate_that_does_not_divide_the_control_rate_is_refused():
-    with probed(RobotNode, Listener, {"rate": 300}) as listener:
+    with probed(RobotNode, Listener, {"sample_rate": 300}) as listener:
         assert not listener.node.bring_up()
         listener.until_status("lifecycle", "rate = 300 Hz does not divide 1000 Hz")
 
 
 def test_stopped_arm_starts_again_at_home():
-    with running(rate=100) as listener:
+    with running(sample_rate=100) as listener:
         listener.until(lambda: len(listener.received(topics.JOINT_STATES)) >= 150)
         listener.node.trigger_deactivate()
         kept = len(listener.received(topics.JOINT_STATES))

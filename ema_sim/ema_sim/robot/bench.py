@@ -16,8 +16,8 @@ _BLOCK_S = 0.02  # samples in this time are computed in one call
 class RobotSettings(Checked):
     """Settings of a simulated arm and its telemetry; ValueError if a value is out of range."""
 
-    rate: int = quantity(500, "Hz", 1, 1000, "sample rate of all joints; must divide 1000")
-    speedup: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
+    sample_rate: int = quantity(500, "Hz", 1, 1000, "sample rate of all joints; must divide 1000")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "ratio of simulated to wall time")
     seed: int = quantity(0, "-", 0, 2**62, "seed of the unit, its goals and its noise")
 
 
@@ -79,7 +79,7 @@ class ArmBench:
     ) -> None:
         self.work, self.wear = work, wear
         self.end_ns = 0
-        self._arm = RobotArm(seed=settings.seed, rate=settings.rate, block_s=_BLOCK_S)
+        self._arm = RobotArm(seed=settings.seed, rate=settings.sample_rate, block_s=_BLOCK_S)
 
     def compile_kernels(self) -> None:
         """Compile the kernel of the simulation, or load it from the cache."""

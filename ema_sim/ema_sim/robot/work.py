@@ -123,7 +123,9 @@ class RobotArm:
     def __init__(self, *, seed: int = 0, rate: int = 500, block_s: float | None = None) -> None:
         if rate not in RATES:
             choices = ", ".join(map(str, RATES))
-            raise ValueError(f"rate = {rate} Hz does not divide 1000 Hz: expected one of {choices}")
+            raise ValueError(
+                f"sample rate = {rate} Hz does not divide 1000 Hz: expected one of {choices}"
+            )
         self.joints = arm_unit(seed)
         self.elapsed_ns = 0
         self._rate, self._each = rate, round(1.0 / (rate * CONTROL_S))

@@ -60,7 +60,8 @@ class DamageSettings(Checked):
 
     growth_per: str = text(
         "damage",
-        "measure of growth: damage where the duty is known, else hours; or always hours",
+        "growth is counted in damage (wear under load, ageing by heat) if the duty is known, else "
+        "in hours; hours: always in hours",
         ("damage", "hours"),
     )
     wear_exponent: float = quantity(

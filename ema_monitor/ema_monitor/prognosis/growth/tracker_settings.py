@@ -293,7 +293,9 @@ class TrackerSettings(Checked):
     event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviation at which an event is suspected")
     horizon_hours: float = quantity(20_000.0, "h", 1.0, 1e7, "longest life that is published")
     horizon_factor: float = quantity(3.0, "-", 1.0, 1e3, "longest published life per observed hour")
-    samples: int = quantity(2000, "-", 100, 100_000, "number of samples of a prediction")
+    samples: int = quantity(
+        2000, "-", 100, 100_000, "number of random samples of the future faults in a prediction"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
