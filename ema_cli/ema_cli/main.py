@@ -73,7 +73,7 @@ _EXAMPLES: Final = {
     "baseline": "list",
     "label": 'calibration.yaml dry.mcap --state "dry 1"',
     "moves": "moves.csv --mapping moves.yaml --limit 1.5",
-    "new-actuator": "-o actuator.yaml",
+    "new-actuator": "--kv 28 --resistance 1.6 --gear 800 -o spoiler.yaml",
     "certify": "--command swing",
     "design": "--travel 0.01 --sigma friction=0.01 -o test.yaml",
     "compare": "dry.mcap",

@@ -129,7 +129,7 @@ def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> Non
 def run_(folder: Path, executor: ExecutorOptions) -> None:
     """Estimate the faults in outdated bags, then update health and life of outdated units.
 
-    Stop it with Ctrl-C at any time; the same command resumes. Unreadable bags become rows with the
+    Ctrl-C stops the run at any time; the same command resumes. Unreadable bags become rows with the
     reason. Exit code 3: a bag is unreadable or incomplete, a unit cannot be processed, the order of
     a unit's tests is unknown, or no window is valid.
     """

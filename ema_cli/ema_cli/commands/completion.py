@@ -15,7 +15,7 @@ _SHELLS: Final = ("bash", "zsh", "fish")
 def completion(ctx: click.Context, shell: str) -> None:
     """Print the shell completion script for SHELL.
 
-    Example for bash: `ema completion bash >> ~/.bashrc`, then a new shell.
+    For bash, run `ema completion bash >> ~/.bashrc` and open a new shell.
     """
     root = ctx.find_root()
     completion_class = get_completion_class(shell)

@@ -37,8 +37,8 @@ _FINDING_WIDTH: Final = 200
 def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> None:
     """Estimate the faults in each window of BAG, with their uncertainty.
 
-    A single window is shown as a table; several windows are shown as a line each, and a summary.
-    With --any-motion, stretches of ordinary motion are combined until a fault reaches the parameter
+    A single window is shown as a table, several windows as one line each with a summary. With
+    --any-motion, stretches of ordinary motion are combined until a fault reaches the parameter
     wanted_sigma. There is a line for each combination, with the faults that the motion does not
     determine. A record of an unknown drive is compared with the healthy records of its calibration:
     a table shows the change of each quantity. Exit code 3: a window or record is refused, a record

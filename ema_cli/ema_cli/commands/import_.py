@@ -25,14 +25,14 @@ from ema_core.wording import counted
     help="YAML file that maps the columns of FILE to telemetry (docs/inputs.md).",
 )
 @click.option(
-    "--guide", is_flag=True, help="Ask for the mapping. Write it next to OUTPUT, with a picture."
+    "--guide", is_flag=True, help="Ask for the mapping, and write it next to OUTPUT with a picture."
 )
 @click.option(
     "--set",
     "entries",
     multiple=True,
     metavar="ENTRY=VALUE",
-    help="Mapping entry that replaces a guess or question: position.unit=mm.",
+    help="Mapping entry to use instead of a guess or question: position.unit=mm.",
 )
 @click.option(
     "--actuator",

@@ -61,8 +61,8 @@ def new_actuator(
 ) -> None:
     """Write an actuator file from the values in a data sheet.
 
-    Without options, the command asks for each value. The file lists all parameters with their
-    sources. Example: ema new-actuator --kv 28 --resistance 1.6 --gear 800 -o spoiler.yaml
+    Without values, the command asks for each of them. The file lists all parameters with their
+    sources.
     """
     require_free(output, [], overwrite=overwrite)
     figures = {name: options[name.replace("-", "_")] for name in _FIGURES}

@@ -41,8 +41,8 @@ def predict(
 ) -> None:
     """Predict the remaining life of a unit from tests in bags or folders of bags.
 
-    All tests belong to one unit, in the order of their stamps. The results equal the messages of a
-    monitor after the last test.
+    All tests must belong to one unit; they are sorted by their stamps. The results equal the
+    messages of a monitor after the last test.
 
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.

@@ -40,8 +40,8 @@ def report(
 ) -> None:
     """Write a report on a unit from the tests in bags, or folders of bags.
 
-    All tests belong to one unit, as for `ema predict`. Notes and baseline changes come from its
-    history ACTUATOR+SERIAL.sqlite, given as a BAG, or in the folder of a BAG or its subfolder
+    All tests must belong to one unit, as for `ema predict`. Notes and baseline changes come from
+    its history ACTUATOR+SERIAL.sqlite, given as a BAG, or in the folder of a BAG or its subfolder
     `history`. The page is self-contained. Without a BAG, --fleet reports on the fleet of an `ema
     archive`.
 
