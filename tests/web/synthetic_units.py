@@ -260,7 +260,6 @@ def estimate(
     causes = []
     if unit.worst % 2 == 0 or unit.share > 0.8:
         causes = [HiddenCause(name="winding_temperature", value=41.3, sigma=2.6, unit="K")]
-        causes[0].alternatives = ["torque constant"]
     return message_of(
         unit,
         FaultEstimate,

@@ -45,7 +45,6 @@ from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.prediction import FAN_LEVELS
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.reason_texts import part_label
 from ema_monitor.reasons import codes
 from ema_monitor.reports import EventReport, health_report
 from ema_monitor.unit import KnownTest
@@ -72,7 +71,7 @@ def estimate_to_message(
         faults=faults_to_message(estimate.faults),
         unobservable=fault_bits(FaultEstimate, "unobservable", estimate.unobservable),
         insignificant=fault_bits(FaultEstimate, "insignificant", estimate.insignificant),
-        causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
+        causes=[_hidden_cause(cause) for cause in estimate.causes],
         measured=[_hidden_cause(cause) for cause in estimate.measured],
         quantities=_quantities(estimate.comparison),
         alternatives=[Confusion(**pair.as_record()) for pair in estimate.alternatives],
@@ -94,12 +93,8 @@ def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
     ]
 
 
-def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
-    """Return a hidden cause as a message, with the alternatives that an estimate names for it."""
-    cause = CAUSE_BY_NAME[inferred.name]
-    pairs = estimate.alternatives if estimate else ()
-    stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (inferred.name,)]
-    return _filled_message(HiddenCause, cause, inferred, alternatives=stand_ins)
+def _hidden_cause(inferred: CauseEstimate) -> HiddenCause:
+    return _filled_message(HiddenCause, CAUSE_BY_NAME[inferred.name], inferred)
 
 
 def fault_bits(message_class: Any, name: str, components: Flags) -> int:

@@ -221,7 +221,6 @@ export interface HiddenCause {
   value: number;
   sigma: number;
   unit: string;
-  alternatives: string[];
 }
 
 export interface KeyValue {

@@ -106,9 +106,6 @@ function Causes({ title, causes }: { title: string; causes: HiddenCause[] }) {
           <li key={cause.name}>
             <strong>{labelOf(cause.name)}</strong> {withSigma(cause.value, cause.sigma)}
             {cause.unit === "-" ? " (relative change)" : unit(cause.unit)}
-            {cause.alternatives.length > 0 && (
-              <span class="soft"> or {cause.alternatives.map(labelOf).join(", ")}</span>
-            )}
           </li>
         ))}
       </ul>
