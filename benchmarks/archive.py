@@ -145,7 +145,7 @@ def of_queries(place: Path, tests: int, units: int) -> Figures:
     questions = {
         "worst_s": "select * from worst_first limit 20",
         "worst_of_all_rows_s": "select * from health qualify row_number() over "
-        "(partition by unit order by measured_ns desc) = 1 order by level desc, "
+        "(partition by unit order by tested_ns desc) = 1 order by level desc, "
         "rul.hours_50 limit 20",
         "alarms_s": "select count(*) from false_alarms",
     }

@@ -72,7 +72,7 @@ def write_drawn_health(archive: Path, units: int, tests: int) -> None:
             "actuator_id": ["flap"] * tests,
             "serial_number": [f"drawn-{unit:04d}"] * tests,
             "tested": stamps // 1000,
-            "measured_ns": stamps,
+            "tested_ns": stamps,
             "flight_hours": np.arange(tests) * HOURS_A_TEST,
             "cycles": np.arange(tests),
             "level": level,

@@ -44,7 +44,7 @@ _IN_VIEWS: Final = {
 }
 """Values that replace names in ``views.sql``."""
 
-_VERSION: Final = 14
+_VERSION: Final = 15
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
 _MANIFEST: Final = ("archive", "bag", "part", "unit")
 _LOCK: Final = ".lock"
@@ -311,7 +311,7 @@ class Store(AbstractContextManager[Any, None]):
             As in `reading`.
         """
         schema = TABLES[table]
-        names = [STAMPS[table], "bag"] if table in STAMPS else ["measured_ns", "stamp_ns"]
+        names = [STAMPS[table], "bag"] if table in STAMPS else ["tested_ns", "stamp_ns"]
         names.append("number")
         order = ", ".join(name for name in names if name in schema.names) or "ALL"
         columns = ", ".join(f'"{name}"' for name in schema.names)

@@ -66,7 +66,7 @@ _OF_HEALTH_ELSEWHERE: Final = (
     *_UNIT,
     *("received", "good_until", "author"),
     *("faults", "requirements"),
-    *("duty", "assumption", "cause", "removal"),
+    *("growth_factor", "assumption", "cause", "removal"),
 )
 """Fields of a health report that are not columns of ``health``: the unit, the fields that concern a
 node, faults and requirements (table ``growth``), and texts that follow from the settings."""
@@ -295,8 +295,8 @@ def duty_from(row: Mapping[str, Any]) -> FlownDuty:
 def health_row(report: HealthReport, calibration_id: str) -> dict[str, Any]:
     """Convert health and life after a test to a row. The caller adds provenance and unit."""
     row = _row_of(report, _OF_HEALTH_ELSEWHERE)
-    measured_ns = row["measured_ns"]
-    tested = measured_ns // 1000 if measured_ns else None
+    tested_ns = row["tested_ns"]
+    tested = tested_ns // 1000 if tested_ns else None
     return row | {"tested": tested, "calibration_id": calibration_id}
 
 

@@ -125,7 +125,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     processed, history = _history_of(task, maker, estimates, usage, duty)
     # Timestamp columns are read as dates: convert them back to integers.
     before = task.health.to_pylist() if processed else []
-    rows = [row | {"tested": row["measured_ns"] // 1000} for row in before]
+    rows = [row | {"tested": row["tested_ns"] // 1000} for row in before]
     unit, last = Unit(history, settings), None
     later = (estimate_from(row) for row in estimates[processed:])
     processed_ns = estimates[processed - 1]["end_ns"] if processed else None

@@ -23,21 +23,21 @@ WITH marked AS (
     SELECT
         *, level IN (1, 2) AS is_alarm,
         count(*) FILTER (WHERE level NOT IN (1, 2))
-            OVER (PARTITION BY model, unit ORDER BY measured_ns) AS quiet_before
+            OVER (PARTITION BY model, unit ORDER BY tested_ns) AS quiet_before
     FROM health
 ),
 ends AS (
     SELECT
-        *, lead(events) OVER tests AS next_events, lead(measured_ns) OVER tests AS next_ns
+        *, lead(events) OVER tests AS next_events, lead(tested_ns) OVER tests AS next_ns
     FROM marked
-    WINDOW tests AS (PARTITION BY model, unit ORDER BY measured_ns)
+    WINDOW tests AS (PARTITION BY model, unit ORDER BY tested_ns)
 )
 SELECT
     model, unit, any_value(actuator_id) AS actuator_id, any_value(serial_number) AS serial_number,
     min(tested) AS began, max(tested) AS last_test, count(*) AS tests, max(level) AS level,
     arg_max(dominant_fault, level) AS dominant_fault,
-    last(next_ns ORDER BY measured_ns) IS NOT NULL AS is_over,
-    coalesce(len(list_filter(last(next_events ORDER BY measured_ns),
+    last(next_ns ORDER BY tested_ns) IS NOT NULL AS is_over,
+    coalesce(len(list_filter(last(next_events ORDER BY tested_ns),
         lambda event: event.kind IN ('$repair', '$step'))) > 0, false) AS was_repaired
 FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 
@@ -77,7 +77,7 @@ CREATE VIEW runs_to_failure AS
 WITH lives AS (
     SELECT
         *, count(*) FILTER (WHERE len(list_filter(events, lambda event: event.kind = '$repair')) > 0)
-            OVER (PARTITION BY model, unit ORDER BY measured_ns) AS life
+            OVER (PARTITION BY model, unit ORDER BY tested_ns) AS life
     FROM health
 ),
 ends AS (
@@ -96,6 +96,6 @@ FROM lives
 JOIN ends USING (model, unit, life)
 JOIN estimates USING (model, unit)
 ANTI JOIN unordered USING (bag, number)
-WHERE estimates.valid AND estimates.end_ns = lives.measured_ns
+WHERE estimates.valid AND estimates.end_ns = lives.tested_ns
 QUALIFY row_number() OVER (PARTITION BY model, unit, estimates.end_ns ORDER BY estimates.bag) = 1
-ORDER BY model, unit, lives.measured_ns;
+ORDER BY model, unit, lives.tested_ns;

@@ -104,8 +104,8 @@ class ItemReport:
     limit: float
     limit_is_lower: bool
     trend: float
-    calibration: float
-    calibration_ahead: float
+    score_rms: float
+    score_rms_ahead: float
     widening: float
     unit: str
     rul: LifeReport
@@ -120,7 +120,7 @@ class HealthReport:
     serial_number: str
     level: int
     last_level: int
-    measured: Stamp
+    tested: Stamp
     received: Stamp
     good_until: Stamp
     author: str
@@ -135,7 +135,7 @@ class HealthReport:
     rul: LifeReport
     flight_hours: float
     cycles: int
-    duty: float
+    growth_factor: float
     assumption: str
     cause: str
     removal: str
@@ -176,7 +176,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
         serial_number=unit[1],
         level=health.level,
         last_level=outlook.known_level,
-        measured=Stamp.of(outlook.claim.measured_ns),
+        tested=Stamp.of(outlook.claim.tested_ns),
         received=Stamp.of(outlook.claim.received_ns),
         good_until=Stamp.of(outlook.claim.good_until_ns),
         author=outlook.claim.author,
@@ -193,7 +193,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
         rul=rul,
         flight_hours=outlook.flight_hours,
         cycles=outlook.cycles,
-        duty=outlook.future.factor,
+        growth_factor=outlook.future.factor,
         assumption=outlook.assumption,
         cause=cause_of_level(outlook),
         removal=removal_text(outlook),
@@ -207,7 +207,7 @@ def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
 
 
 def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
-    checked = outlook.calibrations.get(item.name, TrackRecord())
+    past = outlook.track_records.get(item.name, TrackRecord())
     return ItemReport(
         name=item.name,
         level=item.level,
@@ -216,9 +216,9 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
         limit=item.limit,
         limit_is_lower=item.limit_is_lower,
         trend=outlook.trends.get(item.name, math.nan),
-        calibration=checked.one_step,
-        calibration_ahead=checked.ahead,
-        widening=checked.widening,
+        score_rms=past.one_step,
+        score_rms_ahead=past.ahead,
+        widening=past.widening,
         unit=unit,
         rul=LifeReport.of(outlook.lives.get(item.name, outlook.rul), outlook.hours_per_cycle),
     )

@@ -550,8 +550,8 @@ class Unit:
             newest.end_ns, received_ns, self._author, self._settings.good_for_s, is_live=is_live
         )
         if self.history.entries:
-            measured_ns = outlook.stamp_ns - self.history.entries[-1].shift_ns
-            outlook = replace(outlook, stamp_ns=measured_ns)
+            tested_ns = outlook.stamp_ns - self.history.entries[-1].shift_ns
+            outlook = replace(outlook, stamp_ns=tested_ns)
         is_ok = outlook.health.level == OK
         if is_ok and isinstance(newest, Entry) and not newest.estimate.is_of_record:
             claim = claim._replace(oldest_ns=self._shown.oldest_ns() - newest.shift_ns)

@@ -76,12 +76,12 @@ def test_archived_health_and_life_equal_those_of_the_command(ema, whole, made_fl
         tests = [test for test in report_made["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2
         for row, test in zip(rows, tests, strict=True):
-            assert row["measured_ns"] == test["end_ns"]
+            assert row["tested_ns"] == test["end_ns"]
             compared = {name: value for name, value in as_values(row).items() if name in RECORD}
             assert {name: in_columns(test[name]) for name in RECORD} == compared
         reported, newest = columns_of(report_made), as_values(rows[-1])
         names = newest.keys() & reported.keys() - EVENTS
-        assert {*RECORD, "severity", "removal_days", "measured_ns", "reason"} - EVENTS <= names
+        assert {*RECORD, "severity", "removal_days", "tested_ns", "reason"} - EVENTS <= names
         assert {name: newest[name] for name in names} == {name: reported[name] for name in names}
         printed = {
             item["name"]: item for item in (*report_made["faults"], *report_made["requirements"])

@@ -115,7 +115,7 @@ def write_course(archive, levels, repairs):
     rows = [
         {
             **UNIT,
-            "measured_ns": number,
+            "tested_ns": number,
             "tested": number,
             "flight_hours": 10.0 * number,
             "cycles": number,
@@ -204,10 +204,10 @@ def test_unit_with_any_name_keeps_its_rows(tmp_path):
     units = {unit_name(actuator_id, LONG): actuator_id for actuator_id in NAMES}
     archive = tmp_path / "archive"
     for unit, actuator_id in units.items():
-        row = {"actuator_id": actuator_id, "measured_ns": 1}
+        row = {"actuator_id": actuator_id, "tested_ns": 1}
         write_rows(archive, "health", [row], unit, model=actuator_id)
         [kept] = rows_of_unit(archive, "health", unit).to_pylist()
-        assert (kept["actuator_id"], kept["measured_ns"]) == (actuator_id, 1)
+        assert (kept["actuator_id"], kept["tested_ns"]) == (actuator_id, 1)
     _, rows = answer(archive, "select unit, model, actuator_id from health")
     assert sorted(rows) == sorted((unit, name, name) for unit, name in units.items())
 

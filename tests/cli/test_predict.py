@@ -130,8 +130,8 @@ def test_past_predictions_are_reported_with_the_fault_that_ends_life():
     message = health_report(course.outlooks[-1], course.record.description.unit_key)
     friction = next(item for item in message.faults if item.name == "friction")
     # The 50 tests have five predictions twenty tests ahead; their law is in the bank.
-    assert friction.calibration == pytest.approx(1.0, abs=0.3)
-    assert friction.calibration_ahead < 1.5
+    assert friction.score_rms == pytest.approx(1.0, abs=0.3)
+    assert friction.score_rms_ahead < 1.5
     assert 1.0 <= friction.widening < 1.3
     assert math.isnan(next(iter(message.requirements)).widening)
     [line] = [
@@ -139,8 +139,8 @@ def test_past_predictions_are_reported_with_the_fault_that_ends_life():
         for sentence in summary(course, message)
         if sentence.startswith("calibration of predictions")
     ]
-    assert f"friction {friction.calibration:.2f} for the next test" in line
-    assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
+    assert f"friction {friction.score_rms:.2f} for the next test" in line
+    assert f"{friction.score_rms_ahead:.2f} for 20 tests ahead" in line
 
 
 def test_prediction_begins_at_the_last_test_with_plausible_hours():

@@ -155,7 +155,7 @@ def test_refused_test_is_not_reported_twice():
     """The health after a refused test states the reason, perhaps worded differently."""
     later_ns = TEST_NS + 10**10
     health = health_of("a", STALE, None)
-    health.measured, health.reason = stamp_to_message(later_ns), "no motion in the newest test"
+    health.tested, health.reason = stamp_to_message(later_ns), "no motion in the newest test"
     healths = received(health)
     healths.add_estimate("/ema", refused("a", later_ns), 2.0)
     [row] = healths.rows(3.0, later_ns + 10**9, alive)

@@ -127,7 +127,7 @@ def test_scores_of_calibrated_predictions_are_near_one():
     tracker, rng = Tracker(), np.random.default_rng(2)
     for test in range(90):
         tracker.update(observed(10.0 * test, {"friction": 0.05 + 4e-3 * test}, rng))
-    scores = of(tracker, "friction").calibration
+    scores = of(tracker, "friction").track_record
     # 90 scores with a forgetting factor of 0.98: the root mean square is known to 10 %. Without
     # noise, growth is predicted better than claimed, some tests ahead.
     assert scores.one_step == pytest.approx(1.0, abs=0.25)
@@ -143,7 +143,7 @@ def test_errors_larger_than_claimed_show_in_the_scores():
     for test in range(25):
         value = 0.05 + 4e-3 * test + 2.5 * SIGMA * rng.standard_normal()
         tracker.update(observed(10.0 * test, {"friction": value, "backlash": 0.2}, rng))
-    assert of(tracker, "friction").calibration.one_step > 1.3
+    assert of(tracker, "friction").track_record.one_step > 1.3
 
 
 @pytest.mark.slow

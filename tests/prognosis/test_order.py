@@ -54,7 +54,7 @@ def test_after_a_backward_step_of_the_clock_the_order_of_reception_counts():
         outlook = unit.update(test, None, LIVE, received_ns=now_ns)
         assert outlook is not None
         # Messages have the stamps of the telemetry.
-        assert (outlook.stamp_ns, outlook.claim.measured_ns) == (test.end_ns, test.end_ns)
+        assert (outlook.stamp_ns, outlook.claim.tested_ns) == (test.end_ns, test.end_ns)
         assert outlook.claim.good_until_ns == test.end_ns + 30 * S
         levels.append(level_at(outlook, now_ns + S))
     assert levels == [WARN, ERROR, ERROR]
@@ -130,7 +130,7 @@ def test_without_a_clock_the_order_of_reception_counts(spread_s: float):
         test = stamped(end_ns, number, friction=0.02 if number < 10 else 0.8)
         outlook = unit.update(test, None, settings, received_ns=now_ns)
         assert outlook is not None
-        assert outlook.claim.measured_ns == end_ns
+        assert outlook.claim.tested_ns == end_ns
         levels.append(level_at(outlook, now_ns + S))
     assert levels == [OK] * 10 + [WARN] + [ERROR] * 19
     assert unit.growth.service.usage == pytest.approx(10.0)

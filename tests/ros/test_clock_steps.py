@@ -116,7 +116,7 @@ def test_shown_health_expires_regardless_of_steps_of_the_clock(behind_s: int):
 
 
 def test_claims_in_simulated_time_end_by_simulated_time_only():
-    health = Health(level=OK, good_until=stamp_to_message(30 * S), measured=stamp_to_message(0))
+    health = Health(level=OK, good_until=stamp_to_message(30 * S), tested=stamp_to_message(0))
     received = Received.at(health, 0, 100.0)
     assert received.ended_s(10 * S, 1000.0, is_real=False) < 0.0 < received.ended_s(10 * S, 1000.0)
     assert received.ended_s(31 * S, 100.1, is_real=False) == pytest.approx(1.0)

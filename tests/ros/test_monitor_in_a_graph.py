@@ -194,7 +194,7 @@ def test_impossible_name_creates_no_actuator_and_answers_have_nan(session):
     assert not answer.success
     health = answer.health
     assert (health.level, health.reason) == (STALE, answer.message)
-    figures = (health.health_index, health.flight_hours, health.duty, health.rul.hours_50)
+    figures = (health.health_index, health.flight_hours, health.growth_factor, health.rul.hours_50)
     assert all(map(math.isnan, figures))
     assert math.isnan(unknown_estimate("flap", "").faults.gain)
 

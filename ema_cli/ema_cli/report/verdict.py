@@ -128,11 +128,10 @@ def _limited(
     words = "unknown" if life.reason in ("", common) else life.reason
     if life.known:
         words = f"{life_text(life)} h"
-        checked = outlook.calibrations.get(item.name)
-        if checked is not None and checked.widening > WIDENED:
+        past = outlook.track_records.get(item.name)
+        if past is not None and past.widening > WIDENED:
             words += (
-                f" (widened by {checked.widening:.2f}, because earlier predictions were "
-                "overconfident)"
+                f" (widened by {past.widening:.2f}, because earlier predictions were overconfident)"
             )
     return {
         "shown": shown(item),

@@ -182,7 +182,7 @@ class LatestHealths:
             # The health after a refused test is unknown, after a departed test a warning. Both then
             # state the same reason; any other health has a reason of its own.
             is_departed = actuator.refused.verdict == FaultEstimate.DEPARTED
-            is_of_test = received.health.measured == actuator.refused.header.stamp
+            is_of_test = received.health.tested == actuator.refused.header.stamp
             is_stated = is_of_test and is_departed != (received.health.level == STALE)
             if not is_stated and list(actuator.refused.reason_codes) != [Learning.code]:
                 reasons.append(f"last test refused: {actuator.refused.reason}")

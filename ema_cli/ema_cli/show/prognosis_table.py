@@ -141,7 +141,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
     )
     lines += _checked(report.faults)
-    lines.append(f"assumption: {report.assumption} (duty {report.duty:g})")
+    lines.append(f"assumption: {report.assumption} (growth factor {report.growth_factor:g})")
     missed = []
     for outlook in course.outlooks:
         place = (
@@ -175,11 +175,11 @@ def _quantiles(values: tuple[float, float, float]) -> str:
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
     """Return a line on how well later tests confirmed the predictions; empty if unknown."""
     text = [
-        f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
-        f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
+        f"{label_of(item.name)} {_figure_of_check(item.score_rms)} for the next test, "
+        f"{_figure_of_check(item.score_rms_ahead)} for {AHEAD} tests ahead"
         + (f", widened by {item.widening:.2f}" if item.widening > WIDENED else "")
         for item in faults
-        if item.rul.known and math.isfinite(item.calibration)
+        if item.rul.known and math.isfinite(item.score_rms)
     ]
     return ["calibration of predictions so far (1 is ideal): " + "; ".join(text)] if text else []
 

@@ -183,7 +183,7 @@ def outlook_of(
         levels=levels,
         removal=removal,
         tests_tell=tests_tell,
-        calibrations={item.name: item.calibration for item in tracked},
+        track_records={item.name: item.track_record for item in tracked},
         departure=entry.estimate.departure,
     )
 

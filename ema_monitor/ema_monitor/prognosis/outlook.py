@@ -27,7 +27,7 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 class Claim(NamedTuple):
     """Origin and validity of a published health level."""
 
-    measured_ns: int = 0
+    tested_ns: int = 0
     """Stamp of the newest test, valid or refused [ns]: the level describes the unit at that
     time."""
     received_ns: int = 0
@@ -45,20 +45,20 @@ class Claim(NamedTuple):
     @property
     def is_ahead(self) -> bool:
         """Whether the newest test is stamped later than it was received, by more than 1 s."""
-        return 0 < self.received_ns < self.measured_ns - _LEAST_AHEAD_NS
+        return 0 < self.received_ns < self.tested_ns - _LEAST_AHEAD_NS
 
     @property
     def is_dated(self) -> bool:
         """Whether the stamp of the newest test is at most a year behind the receiver's clock."""
-        return self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS
+        return self.received_ns - self.tested_ns <= _OTHER_CLOCK_NS
 
     @property
     def begin_ns(self) -> int:
         """Time at which the newest test was measured [ns], on the receiver's clock."""
         # A stamp that is ahead, or years behind, comes from another clock: use the reception time.
-        if self.received_ns and not 0 <= self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS:
+        if self.received_ns and not 0 <= self.received_ns - self.tested_ns <= _OTHER_CLOCK_NS:
             return self.received_ns
-        return self.measured_ns
+        return self.tested_ns
 
     @property
     def good_until_ns(self) -> int:
@@ -67,7 +67,7 @@ class Claim(NamedTuple):
             return 0
         begin_ns = self.begin_ns
         if self.oldest_ns:
-            begin_ns -= max(0, self.measured_ns - self.oldest_ns)
+            begin_ns -= max(0, self.tested_ns - self.oldest_ns)
         return begin_ns + round(self.good_for_s * 1e9)
 
 
@@ -141,8 +141,8 @@ class Outlook(Displayed):
     empty when a requirement is dominant."""
     tests_tell: bool = True
     """Whether the latest test showed the dominant fault."""
-    calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
-    """Calibration of each fault's past predictions, if known."""
+    track_records: Mapping[str, TrackRecord] = field(default_factory=dict)
+    """Scores of each fault's past predictions, if known."""
     failure: str = ""
     """Failure of drive, sensor or shaft in the newest test; empty if there is none."""
     departure: str = ""
@@ -187,9 +187,9 @@ class Outlook(Displayed):
         if self.health.level == STALE or not 0 < claim.good_until_ns < now_ns:
             return self
         text = f"no valid estimate for more than {claim.good_for_s:g} s"
-        if 0 < claim.oldest_ns < claim.measured_ns:
+        if 0 < claim.oldest_ns < claim.tested_ns:
             text = f"no test has shown every fault for more than {claim.good_for_s:g} s"
-        late_s = (claim.received_ns - claim.measured_ns) * 1e-9
+        late_s = (claim.received_ns - claim.tested_ns) * 1e-9
         if claim.good_until_ns < claim.received_ns:
             text += f": the newest test came {late_s:.0f} s after it was measured"
         return self.stale("; ".join(filter(None, [text, self.health.reason])))

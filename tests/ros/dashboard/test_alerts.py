@@ -46,7 +46,7 @@ def test_each_change_of_level_is_posted_until_it_is_accepted(
         # The server refused the first change twice.
         assert changes == [("STALE", "OK")] * 3 + [("OK", "WARN"), ("WARN", "ERROR")]
         assert received[-1]["reason"] == "friction 0.4"
-        assert received[-1]["remaining_hours"] is None
+        assert received[-1]["rul_50"] is None
         answers += [500, 500, 500]
         output.publish(Health(level=OK, **FLAP))
         wait_for_value(node, "alerts lost", 1)

@@ -14,7 +14,7 @@ from .session import DashboardSession
 
 def claimed(level: int, good_for_s: float, now_ns: int) -> Health:
     message = Health(actuator_id="flap", serial_number="7", level=level, author="/ema/monitor")
-    message.header.stamp = message.measured = stamp_to_message(now_ns)
+    message.header.stamp = message.tested = stamp_to_message(now_ns)
     message.good_until = stamp_to_message(now_ns + round(good_for_s * 1e9))
     return message
 

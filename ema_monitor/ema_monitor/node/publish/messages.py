@@ -177,7 +177,7 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
         fan,
         stamp_ns=outlook.stamp_ns,
         flight_hours=outlook.flight_hours,
-        duty=outlook.future.factor,
+        growth_factor=outlook.future.factor,
         probabilities=np.array(FAN_LEVELS),
         faults=[
             _filled_message(

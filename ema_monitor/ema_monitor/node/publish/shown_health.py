@@ -93,7 +93,7 @@ class ShownHealth:
         before = self.outlook
         is_shown = self._assessed is not None and not self._is_withdrawn
         if is_shown and (
-            before.claim.measured_ns != outlook.claim.measured_ns
+            before.claim.tested_ns != outlook.claim.tested_ns
             or before.health.requirements
             or not outlook.health.requirements
         ):
@@ -149,7 +149,7 @@ class ShownHealth:
         Expired validity is never renewed, even if the stamp clock steps back.
         """
         claim = outlook.claim
-        test = claim.measured_ns, claim.received_ns
+        test = claim.tested_ns, claim.received_ns
         if test != self._claimed_test:
             self._claimed_test, self._claimed_at, self._end_of_claim = test, now, ""
             self._doubt = self._doubt_of(claim, now)
@@ -168,7 +168,7 @@ class ShownHealth:
             return ""
         if not (claim.received_ns or now.is_continued):
             return "the monitor was started after the newest test: the next test gives the level"
-        if claim.measured_ns <= now.passed_ns:
+        if claim.tested_ns <= now.passed_ns:
             return (
                 "the newest test may have been measured before the clock went back: the next test "
                 "that is received while it is measured gives the level"

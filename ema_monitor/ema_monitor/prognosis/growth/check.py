@@ -40,7 +40,7 @@ _KEPT: Final = 0.98
 """Discount applied to earlier tests at each new test [-]."""
 
 _LEAST: Final = 5.0
-"""Smallest (discounted) number of tests for which calibration is reported."""
+"""Smallest (discounted) number of tests for which scores are reported."""
 
 _PENDING: Final = AHEAD // EVERY
 _SLOTS: Final = _PENDING + 1  # one spare: a component may miss the test that is due
@@ -55,7 +55,7 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """Calibration of a fault's past predictions, as scored by its later tests."""
+    """Scores of a fault's past predictions, from its later tests."""
 
     one_step: float = math.nan
     ahead: float = math.nan
@@ -184,7 +184,7 @@ class PredictionCheck(Kept):
         return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
 
     def of(self, number: int) -> TrackRecord:
-        """Return the calibration of the past predictions of a component."""
+        """Return the scores of the past predictions of a component."""
         counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
         one_step, ahead = (
             math.sqrt(total / count) if count >= _LEAST else math.nan

@@ -56,8 +56,8 @@ class TrackedFault:
     test."""
     trend: float
     """Growth rate of the value [1/h]; NaN before the first test."""
-    calibration: TrackRecord
-    """Calibration of the component's past predictions."""
+    track_record: TrackRecord
+    """Scores of the component's past predictions."""
 
 
 @dataclass(frozen=True)

@@ -238,7 +238,7 @@ class Tracker(Kept):
         figures = np.array([value, np.sqrt(variance), trend])
         figures[:, self._tests == 0] = np.nan
         return tuple(
-            TrackedFault(name, int(self._tests[i]), *figures[:, i].tolist(), calibration=record)
+            TrackedFault(name, int(self._tests[i]), *figures[:, i].tolist(), track_record=record)
             for i, name in enumerate(COMPONENTS)
             for record in [self._check.of(i)]
         )

@@ -109,9 +109,9 @@ class Alerts:
 
 
 def _content(namespace: str, health: Health, before: int | None) -> dict[str, Any]:
-    at_s = stamp_from_message(health.measured) * 1e-9
+    at_s = stamp_from_message(health.tested) * 1e-9
     hours = health.rul.hours_50 if health.rul.known else math.nan
-    figures = {"health_index": health.health_index, "remaining_hours": hours}
+    figures = {"health_index": health.health_index, "rul_50": hours}
     return {
         "namespace": namespace,
         "actuator_id": health.actuator_id,

@@ -28,8 +28,8 @@ class Received(NamedTuple):
         if not until_ns:
             return cls(health, math.inf)
         begin_ns = 0
-        if hasattr(health, "measured"):
-            begin_ns = stamp_from_message(health.received) or stamp_from_message(health.measured)
+        if hasattr(health, "tested"):
+            begin_ns = stamp_from_message(health.received) or stamp_from_message(health.tested)
         left_ns = until_ns - max(now_ns, begin_ns)
         return cls(health, now_s + left_ns * 1e-9)
 

@@ -147,8 +147,8 @@ export interface FaultHealth {
   limit: number;
   limit_is_lower: boolean;
   trend: number;
-  calibration: number;
-  calibration_ahead: number;
+  score_rms: number;
+  score_rms_ahead: number;
   widening: number;
   unit: string;
   rul: RemainingUsefulLife;
@@ -178,7 +178,7 @@ export interface Health {
   serial_number: string;
   level: number;
   last_level: number;
-  measured: Time;
+  tested: Time;
   received: Time;
   good_until: Time;
   author: string;
@@ -193,7 +193,7 @@ export interface Health {
   rul: RemainingUsefulLife;
   flight_hours: number;
   cycles: bigint;
-  duty: number;
+  growth_factor: number;
   assumption: string;
   cause: string;
   removal: string;
@@ -210,7 +210,7 @@ export interface HealthForecast {
   actuator_id: string;
   serial_number: string;
   flight_hours: number;
-  duty: number;
+  growth_factor: number;
   hours: Float64Array;
   probabilities: Float64Array;
   faults: FaultForecast[];

@@ -95,7 +95,7 @@ function Widening({ item }: { item: FaultHealth }) {
   // Old recordings have no widening; NaN is unknown.
   if (!item.rul.known || !(item.widening > WIDENED)) return null;
   const checked = `The root mean square of the normal scores of past predictions is ` +
-    `${fixed(item.calibration, 2)} for the next test and ${fixed(item.calibration_ahead, 2)} ` +
+    `${fixed(item.score_rms, 2)} for the next test and ${fixed(item.score_rms_ahead, 2)} ` +
     "for twenty tests ahead; above 1, their intervals were too narrow.";
   return <small class="soft nowrap" title={checked}> widened × {fixed(item.widening, 1)}</small>;
 }
