@@ -78,7 +78,7 @@ test-web: setup $(web)/node_modules ## test the page in a real browser; needs No
 	cd $(web) && npx tsc && node build.mjs --check
 	$(activate) && cd $(web) && node --test --test-concurrency=1 test/*.test.mjs
 
-bench-web: setup $(web)/node_modules ## measure first paint, main thread and memory of the page with 200 actuators for 10 minutes
+bench-web: setup $(web)/node_modules ## measure the first paint of the page, then main thread and memory with 200 actuators for 10 minutes
 	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.bench.mjs
 
 screenshots: setup $(web)/node_modules ## write pictures of every state of the page to docs/screens

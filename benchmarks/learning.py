@@ -68,7 +68,8 @@ def work_of(seed: int, hours: float) -> Work:
     """Return the simulated work of an arm."""
     settings = WorkSettings(cycle_pause=1.0, payload=2.0)
     parts = [
-        part for _, part in simulate_work(hours, seed=seed, rate=_RATE, work=lambda _: settings)
+        part
+        for _, part in simulate_work(hours, seed=seed, sample_rate=_RATE, work=lambda _: settings)
     ]
     ends = np.cumsum([len(part) for part in parts])
     names = ("position_command", "effort", "position", "velocity")

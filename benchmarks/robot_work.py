@@ -103,7 +103,7 @@ def attached(logs: Sequence[_Log], healthy: str, *, has_payload: bool) -> dict[s
 def wear_case(case: tuple[int, str]) -> dict[str, Any]:
     """Return the outcomes for an arm with one wearing joint, by ``PAYLOADS``."""
     seed, joint = case
-    arm = RobotArm(seed=seed, rate=RATE)
+    arm = RobotArm(seed=seed, sample_rate=RATE)
     work = WorkSettings(healthy_cycles=0)
     healthy = log_of(arm, START_S, [(work, {})] * HEALTHY_CYCLES)
     worn = log_of(arm, START_S + 7200.0, [(work, {joint: GROWTH})] * WORN_CYCLES)
@@ -173,7 +173,7 @@ def work_case(case: tuple[int, float]) -> dict[str, Any]:
     ``case`` has the seed of the arm and the hours of work.
     """
     seed, hours = case
-    arm = RobotArm(seed=seed, rate=RATE)
+    arm = RobotArm(seed=seed, sample_rate=RATE)
     logs = []
     for day, hour in enumerate(_LEARNED_H):
         start_s = START_S + day * _DAY_S + 3600.0 * hour

@@ -12,5 +12,8 @@ _LABELS: Final = {item.name: item.label for item in (*FAULTS, *CAUSES)} | {
 
 
 def label_of(name: str) -> str:
-    """Return the label of a fault, hidden cause, required performance, figure or kind."""
+    """Return the label of a fault, hidden cause, required performance, figure or kind.
+
+    Quantities of a joint have their labels in ``ema_monitor.quantities``.
+    """
     return _LABELS.get(name) or name.replace("_", " ")

@@ -80,7 +80,7 @@ class Monitor:
     settings
         Settings of the monitor.
     history_folder
-        Folder of the history of the unit; None to keep the history in memory only.
+        Folder of the history of the unit; None or "" to keep the history in memory only.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class Monitor:
         self._diagnosis = Diagnosis()
         key = self._description.unit_key
         require_type("history_folder", history_folder, (str, Path, NoneType))
-        path = None if history_folder is None else history_path(Path(history_folder), *key)
+        path = history_path(Path(history_folder), *key) if history_folder else None
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def __repr__(self) -> str:

@@ -192,13 +192,13 @@ def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
     for command in (("scan", archive, tmp_path), ("run", archive), ("status", archive)):
         result = ema("archive", *command)
         assert result.exit_code == 1
-        assert "has a version before 14, expected 14" in result.stderr
+        assert "has a version before 15, expected 15" in result.stderr
         assert "scan the bags into a new archive" in result.stderr
     older = tmp_path / "other"
     with Manifest(older, is_new=True) as manifest, manifest.changing() as db:
         db.execute("UPDATE manifest.archive SET version = 11")
     result = ema("archive", "status", older)
-    assert f"{older / FILE} has version 11, expected 14: scan the bags into a new" in result.stderr
+    assert f"{older / FILE} has version 11, expected 15: scan the bags into a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:

@@ -49,7 +49,7 @@ def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, *
 def work(tmp_path_factory) -> Path:
     """Return a folder with 8 healthy minutes, and 4 minutes a day later with a worn wrist."""
     folder = tmp_path_factory.mktemp("work")
-    arm = RobotArm(seed=3, rate=RATE)
+    arm = RobotArm(seed=3, sample_rate=RATE)
     joints = ("base", "wrist_2")
     write_work(folder / "day_1.csv", arm, 24, NOV_3, joints)
     write_work(folder / "day_2.csv", arm, 12, NOV_3 + 86_400, joints, **WORN)
@@ -89,7 +89,7 @@ def test_payload_makes_the_friction_of_a_loaded_joint_certain(tmp_path):
     """The friction of the elbow rises by 40 %, and is reported as friction."""
     reports = {}
     for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
-        arm, folder = RobotArm(seed=5, rate=RATE), tmp_path / name
+        arm, folder = RobotArm(seed=5, sample_rate=RATE), tmp_path / name
         folder.mkdir()
         write_work(folder / "day_1.csv", arm, 12, NOV_3, joints)
         write_work(folder / "day_2.csv", arm, 10, NOV_3 + 86_400, joints, elbow=0.04)
@@ -173,7 +173,7 @@ def test_numbers_in_names_determine_the_order_of_recordings(tmp_path):
 
 def test_joints_of_all_recordings_are_detected(work, tmp_path):
     """Each recording has a different joint and a different order of columns."""
-    arm = RobotArm(seed=3, rate=RATE)
+    arm = RobotArm(seed=3, sample_rate=RATE)
     write_work(tmp_path / "a.csv", arm, 12, NOV_3, ["wrist_2"])
     write_work(tmp_path / "b.csv", arm, 12, NOV_3, ["base", "elbow"])
     result = ema("attach", tmp_path, "--healthy", "3", "--json")
@@ -188,7 +188,7 @@ def test_joints_of_all_recordings_are_detected(work, tmp_path):
 
 
 def test_actuator_file_next_to_a_table_names_its_joint(tmp_path):
-    arm = RobotArm(seed=3, rate=RATE)
+    arm = RobotArm(seed=3, sample_rate=RATE)
     write_work(tmp_path / "log.csv", arm, 12, NOV_3, ["wrist_2"])
     (tmp_path / "actuator.yaml").write_text(
         'actuator_id: hand\nserial_number: "4711"\ndrive: unknown\n'
@@ -209,7 +209,7 @@ def test_dated_recordings_are_sorted_by_time_and_unreadable_ones_are_named(work,
 
 
 def test_healthy_records_with_rising_friction_are_doubted(tmp_path):
-    arm = RobotArm(seed=3, rate=RATE)
+    arm = RobotArm(seed=3, sample_rate=RATE)
     write_work(tmp_path / "day.csv", arm, 36, NOV_3, ["wrist_2"], **WORN)
     result = ema("attach", tmp_path, "--healthy", "10")
     assert "warning: day: the healthy records may not be healthy: " in result.stderr

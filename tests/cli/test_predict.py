@@ -238,7 +238,8 @@ def test_table_reports_each_fault_and_requirement_and_both_ends_of_life(ema, lif
     assert result.exit_code == 0
     for words in (
         "friction", "backlash", "bandwidth", "torque margin", "by faults", "by requirements",
-        "the earlier", "health index", "duty 2", "service hours 100", "10 valid of 10 tests",
+        "the earlier", "health index", "growth factor 2", "service hours 100",
+        "10 valid of 10 tests",
     ):  # fmt: skip
         assert words in result.stdout
 

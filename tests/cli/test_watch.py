@@ -163,6 +163,14 @@ def test_refused_test_is_not_reported_twice():
     healths.add_estimate("/ema", refused("a", later_ns + 10**9), 4.0)
     [row] = healths.rows(5.0, later_ns + 2 * 10**9, alive)
     assert row.why == "no motion in the newest test; last test refused: no excitation"
+    health.level, health.reason, health.cause = ERROR, "", "a failed drive: no excitation"
+    failed = refused("a", later_ns)
+    failed.verdict = FaultEstimate.FAILED
+    jammed = received(health)
+    jammed.add_estimate("/ema", failed, 5.0)
+    [row] = jammed.rows(5.0, later_ns + 10**9, alive)
+    assert row.why == "a failed drive: no excitation"
+    health.level, health.reason, health.cause = STALE, "no motion in the newest test", ""
     # The level of a departed test was withdrawn for a reason of its own.
     departed = refused("a", later_ns)
     departed.verdict = FaultEstimate.DEPARTED

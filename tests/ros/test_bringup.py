@@ -226,10 +226,10 @@ FOUR = {"bag": "4711", "rate": "4"}
         ("attach", {"accept_after": "5"}, "monitor", {"accept_after": 5}),
         ("attach", {}, "recorder", {"output": "recordings"}),
         # Without calibrations, the built-in calibration must fit the units.
-        ("fleet", {}, "/ema/left/actuator", {"actuator_id": "left", "seed": 0}),
-        ("fleet", {}, "/ema/right/actuator", {"actuator_id": "right", "seed": 1}),
+        ("actuators", {}, "/ema/left/actuator", {"actuator_id": "left", "seed": 0}),
+        ("actuators", {}, "/ema/right/actuator", {"actuator_id": "right", "seed": 1}),
         (
-            *("fleet", {"calibration_file": "/c/{actuator_id}.yaml"}, "/ema/right/actuator"),
+            *("actuators", {"calibration_file": "/c/{actuator_id}.yaml"}, "/ema/right/actuator"),
             {"actuator_id": "right", "serial_number": "SIM-right", "seed": 1},
         ),
     ],
@@ -243,9 +243,9 @@ def test_arguments_become_parameters(file: str, arguments: dict, node: str, expe
     ("file", "arguments", "reported"),
     [
         ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: no such"),
-        ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
-        ("fleet", {"actuators": "a,a"}, "expected distinct names"),
-        ("fleet", {"monitors": "0"}, "monitors:=0: expected an integer"),
+        ("actuators", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
+        ("actuators", {"actuators": "a,a"}, "expected distinct names"),
+        ("actuators", {"monitors": "0"}, "monitors:=0: expected an integer"),
         ("monitor", {"monitors": "two"}, "monitors:=two: expected an integer"),
         ("replay", {"bag": "worn", "rate": "fast"}, "rate:=fast: expected a number"),
     ],
@@ -272,7 +272,7 @@ def test_parameter_file_can_be_replaced(tmp_path):
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_fleet_is_actuators_on_the_topics_of_one_monitor():
+def test_actuators_publish_on_the_topics_of_one_monitor():
     nodes = nodes_of("actuators.launch.py", calibration_file="/c/{actuator_id}.yaml")
     assert overrides_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
     remapped = dict(nodes["/ema/left/actuator"]["remappings"])

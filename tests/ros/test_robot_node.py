@@ -180,7 +180,7 @@ def test_two_arms_in_one_graph_keep_to_their_namespaces(graph: Spinning):
 def test_rate_that_does_not_divide_the_control_rate_is_refused():
     with probed(RobotNode, Listener, {"sample_rate": 300}) as listener:
         assert not listener.node.bring_up()
-        listener.until_status("lifecycle", "rate = 300 Hz does not divide 1000 Hz")
+        listener.until_status("lifecycle", "sample_rate = 300 Hz does not divide 1000 Hz")
 
 
 def test_stopped_arm_starts_again_at_home():

@@ -134,7 +134,7 @@ def test_samples_do_not_depend_on_blocks_or_on_an_unfinished_cycle_before():
 
 
 def test_slower_telemetry_has_mean_efforts_and_sampled_positions():
-    arms = RobotArm(rate=500), RobotArm(rate=50)
+    arms = RobotArm(sample_rate=500), RobotArm(sample_rate=50)
     [fast], [slow] = (list(arm.begin_cycle(SHORT).blocks) for arm in arms)
     np.testing.assert_array_equal(fast.position[9::10][: len(slow)], slow.position)
     mean = fast.effort.reshape(-1, 10, 6).mean(axis=1)
@@ -146,8 +146,10 @@ def test_slower_telemetry_has_mean_efforts_and_sampled_positions():
 
 
 def test_rate_that_does_not_divide_the_rate_of_the_controllers_is_refused():
-    with pytest.raises(ValueError, match=r"rate = 300 Hz does not divide 1000 Hz: .* 250, 500"):
-        RobotArm(rate=300)
+    with pytest.raises(
+        ValueError, match=r"sample_rate = 300 Hz does not divide 1000 Hz: .* 250, 500"
+    ):
+        RobotArm(sample_rate=300)
 
 
 def test_friction_grows_by_the_wear_after_the_healthy_cycles():
@@ -171,7 +173,7 @@ def test_friction_grows_by_the_wear_after_the_healthy_cycles():
 
 
 def test_healthy_friction_varies_by_about_a_per_cent():
-    arm = RobotArm(rate=20)
+    arm = RobotArm(sample_rate=20)
     ratios = []
     for _ in range(60):
         cycle = arm.begin_cycle(WorkSettings(cycle_pause=3000.0))

@@ -92,7 +92,9 @@ class Predicting(Identifying):
             help="Ignore tests after this service hour.",
         ),
         assignments_option(
-            "--cost", "cost_figures", "Costs, to get an advice: removal=1,failure=25."
+            "--cost",
+            "cost_figures",
+            "Costs from which to advise: removal=1,failure=25,lead_time=20.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
@@ -103,7 +105,7 @@ class Predicting(Identifying):
 
     prognosis: PrognosisSettings = PrognosisSettings()  # noqa: RUF009 - frozen
     costs: Costs | None = None
-    """Costs from which an advice is computed; None for no advice."""
+    """Costs from which to advise on removal; None for no advice."""
     at_hours: float | None = None
     """Service hour of the prognosis [h]; None for the last test."""
     archive: Path | None = None

@@ -37,7 +37,7 @@ _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", 
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
-    help="Mapping of the columns of RECORDINGS; by default as `ema check` recognises them.",
+    help="Mapping of the columns of RECORDINGS; by default, they are recognised as by `ema check`.",
 )
 @click.option(
     "--html",

@@ -51,7 +51,7 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
     "chosen",
     metavar="NUMBER|DATE",
     multiple=True,
-    help="With a history: number of a test, from 1, or start of a UTC time such as 2026-11-30.",
+    help="With a history: test to label, by number (from 1) or UTC date or time (2026-11-30T14).",
 )
 @click.option("--remove", metavar="STATE", help="Remove the tests of a state.")
 @settings_options(ReadingOptions, more=[accept_option()])

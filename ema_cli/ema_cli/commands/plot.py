@@ -29,8 +29,8 @@ from ema_monitor.windows.trigger import Refusal
     "number",
     type=click.IntRange(0),
     help=(
-        "Number of the window to show with its fit, from 0; with --any-motion, of the estimate, "
-        "shown with its last stretch."
+        "Window whose fit is shown, from 0. With --any-motion: the estimate, shown with its last "
+        "stretch."
     ),
 )
 @click.option(

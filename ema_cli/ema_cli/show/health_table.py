@@ -179,11 +179,11 @@ class LatestHealths:
         test_ns = stamp_from_message(health.header.stamp)
         if actuator.refused is not None:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
-            # The health after a refused test is unknown, after a departed test a warning. Both then
-            # state the same reason; any other health has a reason of its own.
-            is_departed = actuator.refused.verdict == FaultEstimate.DEPARTED
+            # After a refused test the level is unknown, but not after a departed or failed one. The
+            # health then states the same reason; with any other level it has a reason of its own.
+            gives_level = actuator.refused.verdict in (FaultEstimate.DEPARTED, FaultEstimate.FAILED)
             is_of_test = received.health.tested == actuator.refused.header.stamp
-            is_stated = is_of_test and is_departed != (received.health.level == STALE)
+            is_stated = is_of_test and gives_level != (received.health.level == STALE)
             if not is_stated and list(actuator.refused.reason_codes) != [Learning.code]:
                 reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:

@@ -96,7 +96,7 @@ def _baseline_changed(event: of.BaselineChanged) -> str:
     time = f", {utc_minute(event.time_ns)}" if event.time_ns else ""
     if not event.after:
         forced = " (forced)" if event.is_forced else ""
-        text = f"{event.person} reset the baseline {event.before}{forced}{time}"
+        text = f"{event.person or '~/calibrate'} reset the baseline {event.before}{forced}{time}"
         return f"{text}; the unit showed {shown}" if shown else text
     forced = ", forced" if event.is_forced else ""
     return (

@@ -94,7 +94,7 @@ class History:
         self, actuator_id: str, serial_number: str, path: str | Path | None = None
     ) -> None:
         require_type("path", path, (str, Path, NoneType))
-        path = None if path is None else Path(path)
+        path = Path(path) if path else None
         self.entries: list[Entry] = []
         self.late: list[Entry] = []
         self.unused: list[UnusedCycle] = []

@@ -50,10 +50,10 @@ class Count:
 
     def __post_init__(self) -> None:
         if not is_finite_number(self.hours) or not 0.0 <= self.hours <= _MOST_HOURS:
-            raise ValueError(
-                f"flight_hours = {self.hours:g} h: expected a number in [0, {_MOST_HOURS:g}]"
-            )
-        if not is_finite_number(self.cycles) or not 0 <= self.cycles <= _MOST_CYCLES:
+            hours = f"{self.hours:g}" if isinstance(self.hours, int | float) else repr(self.hours)
+            raise ValueError(f"flight_hours = {hours} h: expected a number in [0, {_MOST_HOURS:g}]")
+        is_whole = is_finite_number(self.cycles) and self.cycles == int(self.cycles)
+        if not is_whole or not 0 <= self.cycles <= _MOST_CYCLES:
             raise ValueError(
                 f"cycles = {self.cycles!r}: expected a whole number in [0, {_MOST_CYCLES:g}]"
             )

@@ -79,7 +79,7 @@ class ArmBench:
     ) -> None:
         self.work, self.wear = work, wear
         self.end_ns = 0
-        self._arm = RobotArm(seed=settings.seed, rate=settings.sample_rate, block_s=_BLOCK_S)
+        self._arm = RobotArm(seed=settings.seed, sample_rate=settings.sample_rate, block_s=_BLOCK_S)
 
     def compile_kernels(self) -> None:
         """Compile the kernel of the simulation, or load it from the cache."""

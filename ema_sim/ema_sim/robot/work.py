@@ -102,7 +102,7 @@ class RobotArm:
     ----------
     seed
         Seed of the unit, its goals and its noise.
-    rate
+    sample_rate
         Sample rate [Hz], one of ``RATES``.
     block_s
         Length of a block of telemetry [s]; None for whole cycles.
@@ -117,19 +117,21 @@ class RobotArm:
     Raises
     ------
     ValueError
-        If ``rate`` is not one of ``RATES``.
+        If ``sample_rate`` is not one of ``RATES``.
     """
 
-    def __init__(self, *, seed: int = 0, rate: int = 500, block_s: float | None = None) -> None:
-        if rate not in RATES:
+    def __init__(
+        self, *, seed: int = 0, sample_rate: int = 500, block_s: float | None = None
+    ) -> None:
+        if sample_rate not in RATES:
             choices = ", ".join(map(str, RATES))
             raise ValueError(
-                f"sample rate = {rate} Hz does not divide 1000 Hz: expected one of {choices}"
+                f"sample rate = {sample_rate} Hz does not divide 1000 Hz: expected one of {choices}"
             )
         self.joints = arm_unit(seed)
         self.elapsed_ns = 0
-        self._rate, self._each = rate, round(1.0 / (rate * CONTROL_S))
-        self._block_samples = None if block_s is None else max(1, round(block_s * rate))
+        self._rate, self._each = sample_rate, round(1.0 / (sample_rate * CONTROL_S))
+        self._block_samples = None if block_s is None else max(1, round(block_s * sample_rate))
         self._rng, self._goals, self._drift = np.random.default_rng((seed, 1)).spawn(3)
         joints = self.joints.values()
         # Loads come from the model of the whole arm; ``gravity`` of a joint only sizes its drive.
@@ -271,7 +273,7 @@ def simulate_work(
     hours: float,
     *,
     seed: int = 0,
-    rate: int = 500,
+    sample_rate: int = 500,
     work: Callable[[float], WorkSettings] = work_of_day,
     wear: Mapping[str, float] | None = None,
 ) -> Iterator[tuple[ArmCycle, ArmTelemetry]]:
@@ -281,14 +283,14 @@ def simulate_work(
     ----------
     hours
         Duration of the work [h]; the last cycle is completed.
-    seed, rate
+    seed, sample_rate
         See ``RobotArm``.
     work
         Function that returns the settings of a cycle from its start time [h].
     wear
         See ``RobotArm.begin_cycle``.
     """
-    arm = RobotArm(seed=seed, rate=rate)
+    arm = RobotArm(seed=seed, sample_rate=sample_rate)
     while (hour := arm.elapsed_ns / 3.6e12) < hours:
         cycle = arm.begin_cycle(work(hour), wear)
         [telemetry] = cycle.blocks

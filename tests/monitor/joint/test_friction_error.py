@@ -106,7 +106,7 @@ HEALTHY_RECORDS, WORN_RECORDS = 6, 2
 @pytest.fixture(scope="module")
 def arm() -> list[tuple[Array, list[ArmTelemetry]]]:
     """Return friction ratios of joints and cycles of each record; friction grows in the last."""
-    arm = RobotArm(seed=3, rate=100)
+    arm = RobotArm(seed=3, sample_rate=100)
     wear = dict.fromkeys(JOINT_NAMES, 0.08)
     work = WorkSettings(healthy_cycles=CYCLES * HEALTHY_RECORDS)
     records = []

@@ -41,7 +41,7 @@ Record = tuple[Array, list[ArmTelemetry]]
 @pytest.fixture(scope="module", params=[21, 22])
 def arm(request) -> list[Record]:
     """Return friction ratios of joints and cycles of each record; the mass of the parts changes."""
-    arm = RobotArm(seed=request.param, rate=100)
+    arm = RobotArm(seed=request.param, sample_rate=100)
     masses = np.random.default_rng(request.param).uniform(0.5, 4.0, HEALTHY + WORN)
     wear = dict.fromkeys(JOINT_NAMES, 0.05)
     records = []

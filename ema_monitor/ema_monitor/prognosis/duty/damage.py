@@ -60,8 +60,8 @@ class DamageSettings(Checked):
 
     growth_per: str = text(
         "damage",
-        "growth is counted in damage (wear under load, ageing by heat) if the duty is known, else "
-        "in hours; hours: always in hours",
+        "damage: growth per damage (wear under load, ageing by heat) if the duty is known, else "
+        "per hour; hours: growth per hour",
         ("damage", "hours"),
     )
     wear_exponent: float = quantity(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// First paint of the page, its main-thread time and memory with 200 live actuators and with 60 joints.
+// First paint of the page, then main-thread time and memory with 200 live actuators and with 60 joints.
 //
 // LOAD_S is the duration of each test [s]; from 120 s on, memory must not grow.
 

@@ -168,7 +168,7 @@ describe("nine actuators", () => {
     await stage.source.send({ do: "set", actuator: WORN, costs: false });
     page = await open(stage, addressOf(WORN, "test"));
     await page.waitForSelector(".removal");
-    assert.match(await page.locator(".todo .what").innerText(), /^Remove: in [\d,]+ h$/);
+    assert.match(await page.locator(".todo .what").innerText(), /^Remove in [\d,]+ h$/);
     const head = await page.locator(".head").innerText();
     assert.ok(!/advice|costs/i.test(head), head);
     const legend = page.locator("[aria-labelledby=window] .u-legend").first();

@@ -34,7 +34,7 @@ const archived = async (stage) => { stage.origin.fleet = randomFleet(); await li
 const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas");
 
 const STATES = [
-  { name: "overview", hash: WORN, before: live({}), ready: plots,
+  { name: "actuator", hash: WORN, before: live({}), ready: plots,
     view: { width: 1440, height: 1004 }, scale: 1 },
   { name: "overview", before: live({}), ready: rows },
   { name: "overview_phone", before: live({}), ready: rows, view: PHONE },

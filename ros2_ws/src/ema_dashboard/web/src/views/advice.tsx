@@ -4,7 +4,7 @@
 import type { ComponentChildren } from "preact";
 import { hours, percent, significant } from "../format.ts";
 import { ACTIONS, type Advice, type Health } from "../messages.ts";
-import { whenToRemove } from "./life.tsx";
+import { NO_DATE, whenToRemove } from "./life.tsx";
 
 const WHAT: Record<string, (at: string) => string> = {
   continue: (at) => `Continue, and decide again ${at}`,
@@ -20,6 +20,11 @@ export function Folded({ title, children }: { title: string; children: Component
   return isPhone() ? <details><summary>{title}</summary>{children}</details> : <>{children}</>;
 }
 
+function removalHeadline(health: Health): string {
+  const when = whenToRemove(health);
+  return when === NO_DATE ? "No removal date yet" : `Remove ${when}`;
+}
+
 /** Recommended inspection of a departed unit, advice if costs are set, and time of removal. */
 export function WhatToDo({ advice, health, isDeparted }: {
   advice?: Advice; health: Health; isDeparted: boolean;
@@ -33,7 +38,7 @@ export function WhatToDo({ advice, health, isDeparted }: {
       <div class="todo">
         <h2>What to do</h2>
         {look}
-        <p class="what"><strong>Remove: {whenToRemove(health)}</strong></p>
+        <p class="what"><strong>{removalHeadline(health)}</strong></p>
         <Folded title="Why"><p class="removal">{health.removal}</p></Folded>
       </div>
     ) : null;

@@ -4,6 +4,7 @@
 import { lifeHours } from "../format.ts";
 import { ERROR, OK, STALE, type Health, type RemainingUsefulLife } from "../messages.ts";
 
+export const NO_DATE = "no date";
 const SOON_HOURS = 0.5;
 const LONGEST_REASON = 40;
 
@@ -39,7 +40,7 @@ function hoursToRemoval(health: Health): number {
 /** When to remove the unit: "now", "in 120 h" or "no date". */
 export function whenToRemove(health: Health): string {
   const hours = hoursToRemoval(health);
-  if (!Number.isFinite(hours)) return "no date";
+  if (!Number.isFinite(hours)) return NO_DATE;
   return hours < SOON_HOURS ? "now" : `in ${lifeHours(hours, health.rul)} h`;
 }
 

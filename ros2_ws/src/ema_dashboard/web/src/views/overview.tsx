@@ -234,7 +234,7 @@ const Row = memo(({ actuator, hasNamespace, isAdvised }: {
         ) : "–"}
       </td>
       <td role="cell" class="c-cause">
-        {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
+        {!health?.cause && dominant(actuator) && <strong>{dominant(actuator)}</strong>}
         <small>
           {silence(actuator)}{health ? why(health) : waiting(actuator)}
         </small>
