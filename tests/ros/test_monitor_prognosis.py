@@ -77,7 +77,7 @@ def test_service_reports_life_at_another_duty_and_changes_nothing(
 ):
     now, twice = predict(session, 1.0).health, predict(session, 2.0, "flap").health
     expected = health.rul_faults.hours_50 / 2
-    assert twice.duty == 2.0
+    assert twice.growth_factor == 2.0
     assert twice.rul_faults.hours_50 == pytest.approx(expected)
     assert twice.rul_faults.cycles_50 == pytest.approx(expected / HOURS)
     assert twice.assumption != now.assumption

@@ -94,7 +94,7 @@ class Predicting(Identifying):
         assignments_option(
             "--cost",
             "cost_figures",
-            "Costs from which to advise: removal=1,failure=25,lead_time=20.",
+            "Costs from which to advise: removal=1,failure=25.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (

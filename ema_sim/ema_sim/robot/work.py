@@ -126,7 +126,7 @@ class RobotArm:
         if sample_rate not in RATES:
             choices = ", ".join(map(str, RATES))
             raise ValueError(
-                f"sample rate = {sample_rate} Hz does not divide 1000 Hz: expected one of {choices}"
+                f"sample_rate = {sample_rate} Hz does not divide 1000 Hz: expected one of {choices}"
             )
         self.joints = arm_unit(seed)
         self.elapsed_ns = 0
