@@ -92,9 +92,7 @@ class Predicting(Identifying):
             help="Ignore tests after this service hour.",
         ),
         assignments_option(
-            "--cost",
-            "cost_figures",
-            "Costs from which to advise: removal=1,failure=25.",
+            "--cost", "cost_figures", "Costs from which to advise: removal=1,failure=25."
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
